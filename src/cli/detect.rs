@@ -1,0 +1,111 @@
+//! `cellmap detect`.
+
+use clap::Args;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use super::output::{print_json, progress_bar, stop_requested};
+use super::{LayoutArguments, use_threads};
+use cellmap::complaint::InputError;
+use cellmap::detect::Detector;
+use cellmap::export::Document;
+use cellmap::recording::DEFAULT_DETECTIONS;
+use cellmap::workflow::detect::{Detected, Watch, detect};
+
+#[derive(Args, Debug)]
+pub(super) struct Detect {
+    #[command(flatten)]
+    pub(super) common: LayoutArguments,
+    /// Where the corners go [default: detections.csv in the recording]
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Worker threads [default: one a core]
+    #[arg(long, value_name = "N")]
+    threads: Option<usize>,
+}
+
+/// How many unusable pictures are named one by one.
+const NAMED_FAILURES: usize = 10;
+
+impl Detect {
+    pub(super) fn run(self) -> Result<ExitCode, InputError> {
+        use_threads(self.threads);
+        let layout = self.common.read()?;
+        let out = self.out.clone().unwrap_or_else(|| layout.recording.join(DEFAULT_DETECTIONS));
+        let detector = default_detector(&layout.file)?;
+        let bar = progress_bar("detecting");
+        let progress = |done: usize, all: usize| {
+            bar.set_length(all as u64);
+            bar.set_position(done as u64);
+        };
+        let found = detect(&layout, detector.as_ref(), &out, &Watch { progress: &progress, stop: stop_requested() })?;
+        bar.finish_and_clear();
+        if found.interrupted {
+            eprintln!("stopped after {} pictures; run the same command again to go on from there", found.pictures);
+            return Ok(ExitCode::from(130));
+        }
+        if self.common.json { print_json(&as_json(&found)) } else { show(&found, &out) }
+        Ok(ExitCode::SUCCESS)
+    }
+}
+
+/// The detector that comes with this build.
+///
+/// # Errors
+/// When the program was built without one.
+pub(super) fn default_detector(layout: &std::path::Path) -> Result<Box<dyn Detector>, InputError> {
+    #[cfg(feature = "opencv")]
+    {
+        let _ = layout;
+        Ok(Box::new(cellmap::detect::opencv::OpenCv::new()))
+    }
+    #[cfg(not(feature = "opencv"))]
+    {
+        Err(cellmap::complaint::Complaint::of(
+            layout,
+            "this build of cellmap has no detector",
+            "build it with `--features opencv`, or give corners in `observations`",
+        )
+        .into())
+    }
+}
+
+fn show(found: &Detected, out: &std::path::Path) {
+    let rate = (found.pictures - found.resumed) as f64 / found.seconds.max(1e-9);
+    println!(
+        "{} pictures, {} with something in them: {} tags or boards, {} corners",
+        found.pictures, found.pictures_with_detections, found.tags, found.corners
+    );
+    println!("{:.2} s, {rate:.0} pictures a second, detector {}", found.seconds, found.detector);
+    if found.resumed > 0 {
+        println!("{} pictures were done by an earlier run", found.resumed);
+    }
+    for failure in found.failed.iter().take(NAMED_FAILURES) {
+        println!("skipped: {}", failure.reason);
+    }
+    if found.failed.len() > NAMED_FAILURES {
+        println!("skipped: {} more", found.failed.len() - NAMED_FAILURES);
+    }
+    println!("wrote {}", out.display());
+}
+
+fn as_json(found: &Detected) -> Document {
+    let whole = |n: usize| Document::Whole(n as u64);
+    let failed = found.failed.iter().map(|failure| {
+        Document::map([
+            ("picture", Document::text(failure.picture.display().to_string())),
+            ("reason", Document::text(&failure.reason)),
+        ])
+    });
+    Document::map([
+        ("pictures", whole(found.pictures)),
+        ("pictures_with_detections", whole(found.pictures_with_detections)),
+        ("tags", whole(found.tags)),
+        ("corners", whole(found.corners)),
+        ("detector", Document::text(&found.detector)),
+        ("seconds", Document::Number(found.seconds)),
+        ("pictures_per_second", Document::Number((found.pictures - found.resumed) as f64 / found.seconds.max(1e-9))),
+        ("resumed", whole(found.resumed)),
+        ("failed", Document::List(failed.collect())),
+    ])
+}

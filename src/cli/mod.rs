@@ -1,0 +1,95 @@
+//! The commands. Only this folder prints.
+
+#![allow(clippy::print_stdout, clippy::print_stderr, reason = "this is where the program speaks")]
+
+mod check;
+mod compare;
+mod demo;
+mod detect;
+mod identify;
+mod output;
+mod solve;
+
+use clap::{Args, Parser, Subcommand};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use cellmap::complaint::InputError;
+use cellmap::layout::{Layout, read_layout};
+
+/// Maps a robotic workcell from camera pictures and joint values.
+#[derive(Parser, Debug)]
+#[command(name = "cellmap", version, about, max_term_width = 100)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand, Debug)]
+enum Command {
+    /// Explain a layout in words and say what is missing
+    Check(check::Check),
+    /// Find the corners of all targets in all pictures
+    Detect(detect::Detect),
+    /// Find where everything is
+    Solve(solve::Solve),
+    /// The published 15-parameter method: base and tool of one robot from measured points
+    Identify(identify::Identify),
+    /// Compare the poses of two layouts, or of a solution with a truth
+    Compare(compare::Compare),
+    /// Make a small recording, detect, solve and compare with the truth
+    Demo(demo::Demo),
+}
+
+/// What every command on a layout takes.
+#[derive(Args, Debug, Clone)]
+struct LayoutArguments {
+    /// The layout of the cell (YAML)
+    layout: PathBuf,
+    /// The folder of the recording [default: the layout's own]
+    #[arg(long, value_name = "DIR")]
+    recording: Option<PathBuf>,
+    /// Print one machine-readable object on stdout and nothing else
+    #[arg(long)]
+    json: bool,
+}
+
+impl LayoutArguments {
+    fn read(&self) -> Result<Layout, InputError> {
+        read_layout(&self.layout, self.recording.as_deref())
+    }
+}
+
+/// The answer is there but is not to be trusted.
+const NOT_TRUSTWORTHY: u8 = 1;
+/// The input is wrong.
+const BAD_INPUT: u8 = 2;
+
+/// Runs the program and returns its exit code: 0 fine, 1 the answer is not trustworthy, 2 the input is wrong.
+pub fn run() -> ExitCode {
+    let cli = Cli::parse();
+    output::exit_cleanly_on_interrupt();
+    let (json, outcome) = match cli.command {
+        Command::Check(command) => (command.common.json, command.run()),
+        Command::Detect(command) => (command.common.json, command.run()),
+        Command::Solve(command) => (command.common.json, command.run()),
+        Command::Identify(command) => (command.common.json, command.run()),
+        Command::Compare(command) => (command.json, command.run()),
+        Command::Demo(command) => (command.json, command.run()),
+    };
+    match outcome {
+        Ok(code) => code,
+        Err(error) => {
+            output::show_error(&error, json);
+            ExitCode::from(BAD_INPUT)
+        }
+    }
+}
+
+/// Sets the number of worker threads for the whole process.
+fn use_threads(threads: Option<usize>) {
+    if let Some(threads) = threads {
+        // Fails only if a pool exists already, which then simply stays.
+        let _ = rayon::ThreadPoolBuilder::new().num_threads(threads.max(1)).build_global();
+    }
+}

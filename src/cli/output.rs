@@ -1,0 +1,109 @@
+//! How the program speaks: errors, tables, JSON, progress.
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use std::io::IsTerminal;
+
+use cellmap::complaint::{Complaint, InputError};
+use cellmap::export::Document;
+
+/// Shows an error: each complaint with its line and its remedy on stderr, or as one JSON object on stdout.
+pub(super) fn show_error(error: &InputError, json: bool) {
+    for complaint in &error.0 {
+        show_complaint(complaint);
+    }
+    if json {
+        let one = |c: &Complaint| {
+            Document::map([
+                ("file", Document::text(c.file.display().to_string())),
+                ("line", c.line.map_or(Document::Null, |line| Document::Whole(line as u64))),
+                ("what", Document::text(&c.what)),
+                ("remedy", Document::text(&c.remedy)),
+            ])
+        };
+        print_json(&Document::map([("errors", Document::List(error.0.iter().map(one).collect()))]));
+    }
+}
+
+fn show_complaint(complaint: &Complaint) {
+    eprintln!("error: {}", complaint.what);
+    match complaint.line {
+        Some(line) => {
+            eprintln!("  --> {}:{line}", complaint.file.display());
+            let text = std::fs::read_to_string(&complaint.file).unwrap_or_default();
+            if let Some(source) = text.lines().nth(line - 1).filter(|source| !source.trim().is_empty()) {
+                let shown: String = source.trim_end().chars().take(100).collect();
+                eprintln!("{line:5} | {shown}");
+            }
+        }
+        None => eprintln!("  --> {}", complaint.file.display()),
+    }
+    eprintln!("  help: {}", complaint.remedy);
+}
+
+/// Prints one JSON object.
+pub(super) fn print_json(document: &Document) {
+    match document.to_json() {
+        Ok(text) => println!("{text}"),
+        Err(error) => eprintln!("error: {error}"),
+    }
+}
+
+/// A table of text: the first column to the left, the others to the right.
+pub(super) fn print_table(header: &[&str], rows: &[Vec<String>]) {
+    let columns = header.len();
+    let mut widths: Vec<usize> = header.iter().map(|text| text.chars().count()).collect();
+    for row in rows {
+        for (width, cell) in widths.iter_mut().zip(row) {
+            *width = (*width).max(cell.chars().count());
+        }
+    }
+    let line = |cells: Vec<&str>| {
+        let mut text = String::new();
+        for (i, cell) in cells.iter().enumerate().take(columns) {
+            let gap = " ".repeat(widths[i].saturating_sub(cell.chars().count()));
+            if i == 0 {
+                text.push_str(&format!("{cell}{gap}"));
+            } else {
+                text.push_str(&format!("  {gap}{cell}"));
+            }
+        }
+        println!("{}", text.trim_end());
+    };
+    line(header.to_vec());
+    for row in rows {
+        line(row.iter().map(String::as_str).collect());
+    }
+}
+
+/// A progress bar on stderr with the time left; silent unless stderr is a terminal.
+pub(super) fn progress_bar(what: &str) -> ProgressBar {
+    let target = if std::io::stderr().is_terminal() { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
+    let bar = ProgressBar::with_draw_target(None, target);
+    if let Ok(style) = ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len} {per_sec} {eta} left") {
+        bar.set_style(style);
+    }
+    bar.set_message(what.to_owned());
+    bar
+}
+
+/// Makes Ctrl-C wait for a file that is just being put in place, then end the program. `detect` installs its own wish to stop on top, see
+/// [`stop_requested`].
+pub(super) fn exit_cleanly_on_interrupt() {
+    // A second handler cannot be installed; without one the default (end at once) applies, and files are whole then too.
+    let _ = ctrlc::set_handler(|| {
+        if GENTLE.load(std::sync::atomic::Ordering::Relaxed) && !STOP.swap(true, std::sync::atomic::Ordering::Relaxed) {
+            return;
+        }
+        cellmap::recording::atomic::wait_for_writers();
+        std::process::exit(130);
+    });
+}
+
+static GENTLE: std::sync::atomic::AtomicBool = std::sync::atomic::AtomicBool::new(false);
+static STOP: std::sync::atomic::AtomicBool = std::sync::atomic::AtomicBool::new(false);
+
+/// From here on the first Ctrl-C only sets the flag that is returned; the second ends the program.
+pub(super) fn stop_requested() -> &'static std::sync::atomic::AtomicBool {
+    GENTLE.store(true, std::sync::atomic::Ordering::Relaxed);
+    &STOP
+}

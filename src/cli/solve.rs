@@ -1,0 +1,145 @@
+//! `cellmap solve`.
+
+use clap::Args;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use super::output::{print_json, print_table};
+use super::{LayoutArguments, NOT_TRUSTWORTHY, use_threads};
+use cellmap::complaint::{Complaint, InputError};
+use cellmap::export::{Document, solution};
+use cellmap::workflow::solve::{SolveRequest, Solved, solve};
+
+#[derive(Args, Debug)]
+pub(super) struct Solve {
+    #[command(flatten)]
+    pub(super) common: LayoutArguments,
+    /// Where the solution goes [default: solution.yaml in the recording]; the same as JSON goes beside it
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Corners to use in place of the layout's own
+    #[arg(long, value_name = "FILE")]
+    detections: Option<PathBuf>,
+    /// Start from the poses of this layout or solution
+    #[arg(long, value_name = "FILE")]
+    start: Option<PathBuf>,
+    /// Worker threads [default: one a core]; the result has the same bits for any number
+    #[arg(long, value_name = "N")]
+    threads: Option<usize>,
+}
+
+impl Solve {
+    pub(super) fn run(self) -> Result<ExitCode, InputError> {
+        use_threads(self.threads);
+        let layout = self.common.read()?;
+        let out = self.out.clone().unwrap_or_else(|| layout.recording.join("solution.yaml"));
+        let request = SolveRequest { detections: self.detections.clone(), start: self.start.clone() };
+        let solved = solve(layout, &request)?;
+        solution::write(&out, &solved).map_err(|e| {
+            Complaint::of(&out, format!("the file cannot be written: {e}"), "say where else with `--out FILE`")
+        })?;
+        if self.common.json {
+            print_json(&as_json(&solved));
+        } else {
+            show(&solved);
+            println!("wrote {} and the same as JSON", out.display());
+        }
+        Ok(if solved.trustworthy() { ExitCode::SUCCESS } else { ExitCode::from(NOT_TRUSTWORTHY) })
+    }
+}
+
+fn as_json(solved: &Solved) -> Document {
+    let s = &solved.seconds;
+    let number = Document::Number;
+    let mut entries = vec![("iterations".to_owned(), Document::Whole(solved.report.iterations as u64))];
+    entries.extend(solution::fit(solved));
+    entries.push(("undetermined".to_owned(), solution::undetermined(solved)));
+    entries.push((
+        "seconds".to_owned(),
+        Document::map([
+            ("read", number(s.read)),
+            ("initialise", number(s.initialise)),
+            ("linearise", number(s.linearise)),
+            ("factorise", number(s.factorise)),
+            ("evaluate", number(s.evaluate)),
+            ("covariance", number(s.covariance)),
+            ("total", number(s.total)),
+        ]),
+    ));
+    entries.push(("poses".to_owned(), Document::Map(solution::poses(solved))));
+    let parameters = solution::parameters(solved);
+    if !parameters.is_empty() {
+        entries.push(("parameters".to_owned(), Document::Map(parameters)));
+    }
+    Document::Map(entries)
+}
+
+/// The numbers of a list, each with `decimals`.
+fn numbers(document: &Document, key: &str, decimals: usize) -> String {
+    let Document::Map(entries) = document else { return String::new() };
+    let Some((_, Document::Row(items))) = entries.iter().find(|(k, _)| k == key) else { return String::new() };
+    let one = |item: &Document| match item {
+        Document::Number(value) => format!("{value:.decimals$}"),
+        _ => "?".to_owned(),
+    };
+    items.iter().map(one).collect::<Vec<_>>().join(" ")
+}
+
+fn show(solved: &Solved) {
+    let mut rows = Vec::new();
+    for (key, pose) in solution::poses(solved) {
+        let fixed = matches!(&pose, Document::Map(entries) if entries.iter().any(|(k, v)| k == "kind" && *v == Document::text("fixed")));
+        if fixed {
+            continue;
+        }
+        rows.push(vec![key, numbers(&pose, "xyz_mm", 2), numbers(&pose, "rotvec_deg", 3)]);
+        rows.push(vec!["  1 sigma".to_owned(), numbers(&pose, "sigma_xyz_mm", 2), numbers(&pose, "sigma_rotvec_deg", 3)]);
+    }
+    print_table(&["pose", "x y z, mm", "rotation vector, deg"], &rows);
+    println!();
+    for (name, found) in solution::parameters(solved) {
+        let Document::Map(entries) = found else { continue };
+        let parts: Vec<String> = entries
+            .iter()
+            .map(|(key, value)| match value {
+                Document::Map(inner) => match (inner.first(), inner.get(1)) {
+                    (Some((_, Document::Number(v))), Some((_, Document::Number(s)))) => format!("{key} {v:.5} +- {s:.5}"),
+                    (Some((_, Document::Number(v))), _) => format!("{key} {v:.5} (undetermined)"),
+                    _ => String::new(),
+                },
+                _ => String::new(),
+            })
+            .collect();
+        println!("{name}:");
+        for chunk in parts.chunks(3) {
+            println!("  {}", chunk.join(", "));
+        }
+    }
+    println!("{} after {} linearisations", solved.report.termination.words(), solved.report.iterations);
+    let r = &solved.residuals;
+    if let Some(rms) = r.rms_px() {
+        println!("residual: {rms:.3} px a coordinate over {} corners", r.corners.iter().flatten().count());
+    }
+    if let Some([t, a]) = r.rms_poses() {
+        println!("residual: {:.3} mm and {:.3} deg over {} measured poses", t * 1e3, a.to_degrees(), r.poses.iter().flatten().count());
+    }
+    if let Some(e) = r.rms_points() {
+        println!("residual: {:.3} mm over {} measured points", e * 1e3, r.points.iter().flatten().count());
+    }
+    if let Some(e) = r.rms_contacts() {
+        println!("residual: {:.3} mm over {} contacts", e * 1e3, r.contacts.len());
+    }
+    if solved.rejected.total() > 0 {
+        let j = &solved.rejected;
+        println!("set aside as not belonging: {} corners, {} poses, {} points", j.corners, j.poses, j.points);
+    }
+    let s = &solved.seconds;
+    println!(
+        "time: read {:.3}, initialise {:.3}, linearise {:.3}, factorise {:.3}, evaluate {:.3}, covariance {:.3}, total {:.3} s",
+        s.read, s.initialise, s.linearise, s.factorise, s.evaluate, s.covariance, s.total
+    );
+    for u in &solved.undetermined {
+        println!("not determined: {}", u.reason);
+        println!("  help: {}", u.remedy);
+    }
+}

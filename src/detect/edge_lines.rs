@@ -1,0 +1,303 @@
+//! The corners of a square tag, from straight lines along its four sides.
+//!
+//! Why not look at the corner itself, as everyone's first attempt does? A corner is a few pixels
+//! large, blur rounds it off *inwards*, and any method that looks there is pulled towards the tag's
+//! centre: 0.28 px with OpenCV's `SUBPIX`, in every picture alike, so that the tag seems smaller and
+//! farther than it is and no number of pictures helps. A side is fifty pixels long and blur, being
+//! symmetric, does not move it. So the sides are measured where they are straight, away from the
+//! corners, and the corners are where the lines meet.
+//!
+//! Lines are straight only to a perfect lens. Given a [`Lens`], the sides are straight in undistorted
+//! coordinates: there the lines are drawn and crossed; the pixels are measured as they are, against
+//! the curve that the line becomes in the picture.
+//!
+//! A corner comes with its covariance, from the scatter of its own two lines, or with the reason why
+//! it could not be measured. It is never passed on unrefined.
+
+use std::fmt;
+
+use super::edge_side::{Bend, Side, SideFit};
+use super::picture::GreyPicture;
+
+/// What bends straight lines: a camera's distortion, between pixels and *ideal* pixels, where the ideal
+/// ones are those of the same focal lengths and centre without distortion (u = fx x / z + cx).
+pub trait Lens {
+    /// Pixel to ideal pixel; `None` where the lens model has no answer.
+    fn undistort(&self, pixel: [f64; 2]) -> Option<[f64; 2]>;
+    /// Ideal pixel to pixel; `None` where the lens model has no answer.
+    fn distort(&self, ideal: [f64; 2]) -> Option<[f64; 2]>;
+}
+
+/// Why a corner could not be measured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Weakness {
+    /// The four corners given are not a convex quadrangle of some size.
+    NotAQuadrangle,
+    /// The lens model has no answer there.
+    OutsideLens,
+    /// One of its sides rises too little from black to white.
+    NoContrast,
+    /// One of its sides is too short, hidden, or outside the picture.
+    TooFewEdges,
+    /// One of its sides is no straight line.
+    NotStraight,
+    /// The lines meet too far from where the tag was found.
+    MovedTooFar,
+    /// The lines meet, but where is known to no better than [`LARGEST_DEVIATION`].
+    TooUncertain,
+}
+
+impl fmt::Display for Weakness {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(match self {
+            Self::NotAQuadrangle => "the corners are not a convex quadrangle",
+            Self::OutsideLens => "the lens model has no answer there",
+            Self::NoContrast => "a side has too little contrast",
+            Self::TooFewEdges => "a side is too short, hidden or outside the picture",
+            Self::NotStraight => "a side is not straight",
+            Self::MovedTooFar => "the sides meet too far from where the tag was found",
+            Self::TooUncertain => "the sides meet at too uncertain a place",
+        })
+    }
+}
+
+/// A corner after refinement.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Refinement {
+    /// Where it is (px) and `[suu, suv, svv]` (px^2).
+    Refined { pixel: [f64; 2], covariance: [f64; 3] },
+    /// It cannot be told well.
+    Weak(Weakness),
+}
+
+/// Standard deviation in px, along the worst direction, above which a corner is weak.
+pub const LARGEST_DEVIATION: f64 = 0.5;
+/// Error of a line in px that its own scatter cannot show, since it bends all stations alike.
+const LINE_FLOOR: f64 = 0.003;
+/// A first idea of the edges' blur, px.
+const USUAL_BLUR: f64 = 0.9;
+
+/// Measures the four corners of a tag.
+///
+/// # Arguments
+/// * `rough` - its corners in order around it, either way, each within a few pixels of the truth.
+/// * `cells_per_side` - cells along a side with the border on both ends (8 for a 6x6 dictionary): the
+///   border is one cell wide, and so at least is the white margin.
+///
+/// Answers in the order of `rough`. About 0.1 ms for a tag of 70 px.
+#[must_use]
+pub fn refine_quad(picture: &GreyPicture, lens: Option<&dyn Lens>, rough: [[f64; 2]; 4], cells_per_side: usize) -> [Refinement; 4] {
+    match refine(picture, lens, rough, cells_per_side) {
+        Ok(corners) => corners,
+        Err(weakness) => [Refinement::Weak(weakness); 4],
+    }
+}
+
+fn refine(picture: &GreyPicture, lens: Option<&dyn Lens>, rough: [[f64; 2]; 4], cells_per_side: usize) -> Result<[Refinement; 4], Weakness> {
+    let bender = Bender(lens);
+    let mut corners = rough;
+    let mut ideal = bender.undistort_all(rough)?;
+    let mut blur = USUAL_BLUR;
+
+    // First roughly, since a finder's corner may be several pixels off; then twice exactly.
+    let sides = build_sides(&bender, corners, ideal, cells_per_side)?;
+    let fits = [0, 1, 2, 3].map(|side: usize| sides[side].fit_roughly(picture));
+    // A refused move is no loss: the exact fit judges for itself.
+    if let Ok(moved) = meet(&bender, &sides, &fits, ideal) {
+        ideal = moved;
+        corners = bender.distort_all(ideal)?;
+    }
+    let mut pass = 1;
+    loop {
+        let sides = build_sides(&bender, corners, ideal, cells_per_side)?;
+        let fits = [0, 1, 2, 3].map(|side: usize| sides[side].fit(picture, [&sides[(side + 3) % 4], &sides[(side + 1) % 4]], blur));
+        let found = fits.map(Result::ok);
+        ideal = meet(&bender, &sides, &found, ideal)?;
+        corners = bender.distort_all(ideal)?;
+        let (count, sum) = found.iter().flatten().fold((0.0, 0.0), |(count, sum), fit| (count + 1.0, sum + fit.blur));
+        if count > 0.0 {
+            blur = sum / count;
+        }
+        if pass == 2 {
+            return Ok([0, 1, 2, 3].map(|corner: usize| {
+                let before = (corner + 3) % 4;
+                match (&fits[before], &fits[corner]) {
+                    (Err(weakness), _) | (_, Err(weakness)) => Refinement::Weak(*weakness),
+                    (Ok(first), Ok(second)) => judge(rough[corner], corners[corner], [&sides[before], &sides[corner]], [first, second]),
+                }
+            }));
+        }
+        pass += 1;
+    }
+}
+
+/// The last word on one corner: `first` is the side that ends there, `second` the one that begins.
+fn judge(rough: [f64; 2], pixel: [f64; 2], sides: [&Side; 2], fits: [&SideFit; 2]) -> Refinement {
+    let shortest = sides[0].length.min(sides[1].length);
+    if (pixel[0] - rough[0]).hypot(pixel[1] - rough[1]) > (0.15 * shortest).max(3.0) {
+        return Refinement::Weak(Weakness::MovedTooFar);
+    }
+    // A shift of the corner moves along both normals: N shift = (e1, e2), so
+    // covariance = N^-1 diag(v1, v2) N^-T.
+    let variances = [fits[0].variance_at(sides[0].length) + LINE_FLOOR.powi(2), fits[1].variance_at(0.0) + LINE_FLOOR.powi(2)];
+    let (a, b) = (sides[0].outward, sides[1].outward);
+    let determinant = a[0] * b[1] - a[1] * b[0];
+    let first = [b[1] / determinant, -b[0] / determinant];
+    let second = [-a[1] / determinant, a[0] / determinant];
+    let covariance = [
+        first[0] * first[0] * variances[0] + second[0] * second[0] * variances[1],
+        first[0] * first[1] * variances[0] + second[0] * second[1] * variances[1],
+        first[1] * first[1] * variances[0] + second[1] * second[1] * variances[1],
+    ];
+    // The larger eigenvalue.
+    let mean = (covariance[0] + covariance[2]) / 2.0;
+    let worst = mean + ((covariance[0] - covariance[2]) / 2.0).hypot(covariance[1]);
+    // Written so that a NaN is refused too.
+    if !(worst <= LARGEST_DEVIATION.powi(2)) {
+        return Refinement::Weak(Weakness::TooUncertain);
+    }
+    Refinement::Refined { pixel, covariance }
+}
+
+/// The four sides through corners known in the picture and in ideal coordinates.
+fn build_sides(bender: &Bender<'_>, corners: [[f64; 2]; 4], ideal: [[f64; 2]; 4], cells_per_side: usize) -> Result<[Side; 4], Weakness> {
+    let winding = winding(corners).ok_or(Weakness::NotAQuadrangle)?;
+    let unit = Projection::from_unit_square(corners).ok_or(Weakness::NotAQuadrangle)?;
+    let cell = 1.0 / cells_per_side.max(3) as f64;
+    let mut sides = Vec::with_capacity(4);
+    for side in 0..4 {
+        let (start, end) = (corners[side], corners[(side + 1) % 4]);
+        let length = (end[0] - start[0]).hypot(end[1] - start[1]);
+        let along = [(end[0] - start[0]) / length, (end[1] - start[1]) / length];
+        let outward = [along[1] * winding, -along[0] * winding];
+        let outside = |point: [f64; 2]| (point[0] - start[0]) * outward[0] + (point[1] - start[1]) * outward[1];
+        // How wide one cell is across this side, near both of its ends.
+        let width = |place: f64, depth: f64| outside(unit.map(Projection::on_side(side, place, depth))).abs();
+        let bend = if bender.0.is_some() {
+            let (from, to) = (ideal[side], ideal[(side + 1) % 4]);
+            let mut points = [[0.0; 2]; 5];
+            for (step, point) in points.iter_mut().enumerate() {
+                let t = step as f64 / 4.0;
+                let bent = bender.distort([from[0] + t * (to[0] - from[0]), from[1] + t * (to[1] - from[1])])?;
+                *point = [(bent[0] - start[0]) * along[0] + (bent[1] - start[1]) * along[1], outside(bent)];
+            }
+            Some(Bend::through(points))
+        } else {
+            None
+        };
+        let (inner_cell, outer_cell) = ([width(0.1, cell), width(0.9, cell)], [width(0.1, -cell), width(0.9, -cell)]);
+        sides.push(Side { start, along, outward, length, bend, inner_cell, outer_cell });
+    }
+    sides.try_into().map_err(|_| Weakness::NotAQuadrangle)
+}
+
+/// Moves each side by its fit (a side without one stays) and crosses neighbours, in ideal coordinates.
+fn meet(bender: &Bender<'_>, sides: &[Side; 4], fits: &[Option<SideFit>; 4], ideal: [[f64; 2]; 4]) -> Result<[[f64; 2]; 4], Weakness> {
+    let mut lines = [[[0.0; 2]; 2]; 4];
+    for side in 0..4 {
+        lines[side] = match &fits[side] {
+            None => [ideal[side], ideal[(side + 1) % 4]],
+            Some(fit) => {
+                let Side { start, along, outward, length, .. } = &sides[side];
+                let moved = |u: f64| {
+                    let d = fit.at(u);
+                    bender.undistort([start[0] + u * along[0] + d * outward[0], start[1] + u * along[1] + d * outward[1]])
+                };
+                [moved(0.0)?, moved(*length)?]
+            }
+        };
+    }
+    let mut met = [[0.0; 2]; 4];
+    for corner in 0..4 {
+        met[corner] = cross(lines[(corner + 3) % 4], lines[corner]).ok_or(Weakness::NotAQuadrangle)?;
+    }
+    Ok(met)
+}
+
+/// Where two lines, each through two points, cross; `None` if nearly parallel.
+fn cross(first: [[f64; 2]; 2], second: [[f64; 2]; 2]) -> Option<[f64; 2]> {
+    let a = [first[1][0] - first[0][0], first[1][1] - first[0][1]];
+    let b = [second[1][0] - second[0][0], second[1][1] - second[0][1]];
+    let determinant = a[0] * b[1] - a[1] * b[0];
+    // The sine of the angle between them; below 0.05 (3 degrees) the crossing is anywhere.
+    if !(determinant.abs() > 0.05 * a[0].hypot(a[1]) * b[0].hypot(b[1])) {
+        return None;
+    }
+    let between = [second[0][0] - first[0][0], second[0][1] - first[0][1]];
+    let t = (between[0] * b[1] - between[1] * b[0]) / determinant;
+    Some([first[0][0] + t * a[0], first[0][1] + t * a[1]])
+}
+
+/// +1 if the corners run clockwise as seen (y down), -1 if the other way; `None` if the quadrangle is
+/// not convex or a side is under 4 px.
+fn winding(corners: [[f64; 2]; 4]) -> Option<f64> {
+    let mut sign = 0.0;
+    for corner in 0..4 {
+        let [previous, this, next] = [corners[(corner + 3) % 4], corners[corner], corners[(corner + 1) % 4]];
+        let (a, b) = ([this[0] - previous[0], this[1] - previous[1]], [next[0] - this[0], next[1] - this[1]]);
+        let turn = a[0] * b[1] - a[1] * b[0];
+        if !(b[0].hypot(b[1]) >= 4.0) || turn.abs() < 1.0 || turn * sign < 0.0 {
+            return None;
+        }
+        sign = turn.signum();
+    }
+    Some(sign)
+}
+
+/// A lens or none.
+struct Bender<'a>(Option<&'a dyn Lens>);
+
+impl Bender<'_> {
+    fn undistort(&self, pixel: [f64; 2]) -> Result<[f64; 2], Weakness> {
+        self.0.map_or(Some(pixel), |lens| lens.undistort(pixel)).ok_or(Weakness::OutsideLens)
+    }
+
+    fn distort(&self, ideal: [f64; 2]) -> Result<[f64; 2], Weakness> {
+        self.0.map_or(Some(ideal), |lens| lens.distort(ideal)).ok_or(Weakness::OutsideLens)
+    }
+
+    fn undistort_all(&self, pixels: [[f64; 2]; 4]) -> Result<[[f64; 2]; 4], Weakness> {
+        let [a, b, c, d] = pixels;
+        Ok([self.undistort(a)?, self.undistort(b)?, self.undistort(c)?, self.undistort(d)?])
+    }
+
+    fn distort_all(&self, ideals: [[f64; 2]; 4]) -> Result<[[f64; 2]; 4], Weakness> {
+        let [a, b, c, d] = ideals;
+        Ok([self.distort(a)?, self.distort(b)?, self.distort(c)?, self.distort(d)?])
+    }
+}
+
+/// The perspective map that takes the unit square's corners (0,0) (1,0) (1,1) (0,1) to a quadrangle's.
+pub(crate) struct Projection([f64; 8]);
+
+impl Projection {
+    /// Heckbert's closed form; `None` for a degenerate quadrangle.
+    pub fn from_unit_square(corners: [[f64; 2]; 4]) -> Option<Self> {
+        let [p0, p1, p2, p3] = corners;
+        let (dx1, dx2, sx) = (p1[0] - p2[0], p3[0] - p2[0], p0[0] - p1[0] + p2[0] - p3[0]);
+        let (dy1, dy2, sy) = (p1[1] - p2[1], p3[1] - p2[1], p0[1] - p1[1] + p2[1] - p3[1]);
+        let determinant = dx1 * dy2 - dx2 * dy1;
+        if !(determinant.abs() > 1e-9) {
+            return None;
+        }
+        let g = (sx * dy2 - dx2 * sy) / determinant;
+        let h = (dx1 * sy - sx * dy1) / determinant;
+        Some(Self([p1[0] - p0[0] + g * p1[0], p3[0] - p0[0] + h * p3[0], p0[0], p1[1] - p0[1] + g * p1[1], p3[1] - p0[1] + h * p3[1], p0[1], g, h]))
+    }
+
+    pub fn map(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+        let [a, b, c, d, e, f, g, h] = self.0;
+        let w = g * x + h * y + 1.0;
+        [(a * x + b * y + c) / w, (d * x + e * y + f) / w]
+    }
+
+    /// The point of the unit square `place` along one side (0 top, then around) and `depth` inside it.
+    fn on_side(side: usize, place: f64, depth: f64) -> [f64; 2] {
+        match side {
+            0 => [place, depth],
+            1 => [1.0 - depth, place],
+            2 => [1.0 - place, 1.0 - depth],
+            _ => [depth, 1.0 - place],
+        }
+    }
+}

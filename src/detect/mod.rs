@@ -1,0 +1,77 @@
+//! From pixels to corners.
+//!
+//! Everything the solver knows of a picture it knows through the corners found here, and a corner
+//! that is wrong in every picture alike cannot be averaged away later. This folder therefore does
+//! two separate things: it *finds* patterns, which well-known libraries do well, and it *measures*
+//! their corners, which they do badly (the common refinement pulls every corner of a tag a quarter
+//! of a pixel towards its centre). Finding sits behind the [`Detector`] trait; measuring is our own:
+//!
+//! * [`picture`]: reads files into [`GreyPicture`]s, suspicious of sizes.
+//! * [`edge_lines`]: a tag's corners, from straight lines fitted to its border's edges.
+//! * [`saddle`]: a board's corners, from the crossing of two edges.
+//! * [`checkerboard`]: which corner of a checkerboard is the first, and whether that can be known.
+//! * `opencv` (feature `opencv`): the finder, built on the system's OpenCV.
+//!
+//! **Pixels**: the centre of the top-left pixel is (0, 0). **Corners of a tag** are 0 top-left,
+//! 1 top-right, 2 bottom-right, 3 bottom-left as printed; of a board, row * columns + column.
+
+pub mod charuco;
+pub mod checkerboard;
+pub mod edge_lines;
+mod edge_side;
+#[cfg(feature = "opencv")]
+pub mod opencv;
+pub mod picture;
+pub mod saddle;
+
+use thiserror::Error;
+
+pub use crate::geometry::Pattern;
+pub use crate::geometry::dictionary::Dictionary;
+pub use edge_lines::Lens;
+pub use picture::{GreyPicture, PictureError};
+
+/// One corner found in a picture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Corner {
+    /// Place of its pattern in the list that was asked for.
+    pub pattern: usize,
+    /// The tag's id; `None` for a board's own corner.
+    pub tag: Option<u32>,
+    /// Corner of the tag (0..4) or of the board (row * columns + column).
+    pub corner: u32,
+    /// Pixels, centre of the top-left pixel = (0, 0).
+    pub pixel: [f64; 2],
+    /// `[suu, suv, svv]` in px^2, where the detector can honestly tell.
+    pub covariance: Option<[f64; 3]>,
+}
+
+/// Why a detection failed. Finding nothing is no failure.
+#[derive(Debug, Error)]
+pub enum DetectError {
+    /// The pattern makes no sense, whatever the picture.
+    #[error("pattern {pattern} cannot be looked for: {reason}")]
+    Pattern { pattern: usize, reason: String },
+    /// The library underneath gave up.
+    #[error("{detector} failed while {doing}: {words}")]
+    Library { detector: &'static str, doing: &'static str, words: String },
+}
+
+/// Finds patterns in pictures. One value serves all threads at once and keeps nothing between pictures.
+pub trait Detector: Send + Sync {
+    /// A short name for reports.
+    fn name(&self) -> &'static str;
+
+    /// Finds what is `wanted` in one picture.
+    ///
+    /// # Arguments
+    /// * `lens` - the camera's distortion, if known: straight edges are straight only without it.
+    /// * `wanted` - patterns; several may share a dictionary, which is then searched once.
+    ///
+    /// Returns corners sorted by pattern, tag and corner, the same on every run. Corners that could
+    /// not be measured well are left out, tags whose id is seen twice are left out altogether.
+    ///
+    /// # Errors
+    /// [`DetectError`]; finding nothing is an empty list.
+    fn detect(&self, picture: &GreyPicture, lens: Option<&dyn Lens>, wanted: &[Pattern]) -> Result<Vec<Corner>, DetectError>;
+}

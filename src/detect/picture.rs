@@ -1,0 +1,156 @@
+//! A grey picture, and how it is read from a file.
+//!
+//! Decoding is half of the work of detection, and a file is the least trustworthy thing the program
+//! meets: a truncated download, a thumbnail with the right name, a PNG whose header claims ten
+//! thousand million pixels. So the header is read first and judged before any pixel is allocated:
+//! first the absolute limit, then the size that the camera's intrinsics were measured at.
+//!
+//! Colour becomes grey by BT.601 luma, with the rounding OpenCV uses, so that corners agree with
+//! those other tools find. Alpha is ignored, and so is an EXIF orientation: intrinsics belong to the
+//! sensor's own rows and columns.
+
+use std::fs::File;
+use std::io::{self, BufReader};
+use std::path::{Path, PathBuf};
+
+use image::{DynamicImage, ImageDecoder, ImageReader, Limits};
+use thiserror::Error;
+
+/// No picture above this many pixels is decoded (256 megapixels: 16384 x 16384).
+pub const MAXIMUM_PIXELS: u64 = 256 * 1024 * 1024;
+
+/// Why a picture could not be read.
+#[derive(Debug, Error)]
+pub enum PictureError {
+    /// There is no such file.
+    #[error("{}: there is no such picture", path.display())]
+    Missing { path: PathBuf },
+    /// The file is there, but cannot be opened or is no picture; the decoder's own words follow.
+    #[error("{}: not readable as a picture: {words}", path.display())]
+    Unreadable { path: PathBuf, words: String },
+    /// The picture's size is not the one its camera's intrinsics belong to (width, height in pixels).
+    #[error("{}: the picture is {}x{}, the camera's intrinsics are for {}x{}", path.display(), found[0], found[1], expected[0], expected[1])]
+    WrongSize { path: PathBuf, found: [u32; 2], expected: [u32; 2] },
+    /// The header claims more than [`MAXIMUM_PIXELS`].
+    #[error("{}: the header claims {}x{} pixels, more than 256 megapixels", path.display(), size[0], size[1])]
+    TooLarge { path: PathBuf, size: [u32; 2] },
+}
+
+/// A picture of 8-bit grey values in rows; the centre of the top-left pixel is (0, 0).
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct GreyPicture {
+    width: usize,
+    height: usize,
+    pixels: Vec<u8>,
+}
+
+impl GreyPicture {
+    /// Takes `width * height` grey values, row by row from the top. `None` if their number is another
+    /// or a side is zero.
+    #[must_use]
+    pub fn new(width: usize, height: usize, pixels: Vec<u8>) -> Option<Self> {
+        (width > 0 && height > 0 && width.checked_mul(height)? == pixels.len()).then_some(Self { width, height, pixels })
+    }
+
+    /// Reads a PNG, JPEG, PNM, TIFF or BMP file, known by its contents and not by its name.
+    ///
+    /// # Arguments
+    /// * `expected_size` - width and height in pixels that the camera's intrinsics are for.
+    ///
+    /// # Errors
+    /// See [`PictureError`]. Size errors are found from the header, before anything is allocated.
+    pub fn read(path: &Path, expected_size: Option<[u32; 2]>) -> Result<Self, PictureError> {
+        let unreadable = |words: String| PictureError::Unreadable { path: path.to_owned(), words };
+        let file = File::open(path).map_err(|error| match error.kind() {
+            io::ErrorKind::NotFound => PictureError::Missing { path: path.to_owned() },
+            _ => unreadable(error.to_string()),
+        })?;
+        let mut reader = ImageReader::new(BufReader::new(file)).with_guessed_format().map_err(|error| unreadable(error.to_string()))?;
+        // `image` would already refuse at its own default; ours is the same for every format.
+        reader.limits(Limits::no_limits());
+        let mut decoder = reader.into_decoder().map_err(|error| unreadable(error.to_string()))?;
+
+        let (width, height) = decoder.dimensions();
+        if u64::from(width) * u64::from(height) > MAXIMUM_PIXELS {
+            return Err(PictureError::TooLarge { path: path.to_owned(), size: [width, height] });
+        }
+        if let Some(expected) = expected_size
+            && expected != [width, height]
+        {
+            return Err(PictureError::WrongSize { path: path.to_owned(), found: [width, height], expected });
+        }
+        // A decoder may need scratch memory of its own; bound that too, by what 16-bit RGBA needs.
+        let mut limits = Limits::no_limits();
+        limits.max_alloc = Some(2 * 8 * MAXIMUM_PIXELS);
+        decoder.set_limits(limits).map_err(|error| unreadable(error.to_string()))?;
+        let decoded = DynamicImage::from_decoder(decoder).map_err(|error| unreadable(error.to_string()))?;
+        Self::new(width as usize, height as usize, grey(decoded)).ok_or_else(|| unreadable("it has no pixels".to_owned()))
+    }
+
+    /// Width in pixels, at least 1.
+    #[must_use]
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Height in pixels, at least 1.
+    #[must_use]
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// The grey values, row by row from the top.
+    #[must_use]
+    pub fn pixels(&self) -> &[u8] {
+        &self.pixels
+    }
+
+    /// One grey value, `None` outside the picture.
+    #[must_use]
+    #[inline]
+    pub fn pixel(&self, column: usize, row: usize) -> Option<u8> {
+        if column < self.width { self.pixels.get(row.checked_mul(self.width)?.checked_add(column)?).copied() } else { None }
+    }
+
+    /// The grey value between pixels by bilinear interpolation; `None` outside the centres of the
+    /// outermost pixels or if a coordinate is not a number.
+    #[must_use]
+    #[inline]
+    pub fn sample(&self, x: f64, y: f64) -> Option<f64> {
+        let (last_x, last_y) = ((self.width - 1) as f64, (self.height - 1) as f64);
+        if !(x >= 0.0 && y >= 0.0 && x <= last_x && y <= last_y) {
+            return None;
+        }
+        let (left, top) = (x as usize, y as usize);
+        let (right, bottom) = ((left + 1).min(self.width - 1), (top + 1).min(self.height - 1));
+        let (fx, fy) = (x - left as f64, y - top as f64);
+        let at = |column: usize, row: usize| self.pixels.get(row * self.width + column).map(|value| f64::from(*value));
+        let upper = at(left, top)? * (1.0 - fx) + at(right, top)? * fx;
+        let lower = at(left, bottom)? * (1.0 - fx) + at(right, bottom)? * fx;
+        Some(upper * (1.0 - fy) + lower * fy)
+    }
+}
+
+/// BT.601 luma of 8-bit colour in 14-bit fixed point, rounded: OpenCV's formula to the bit.
+fn luma(red: u8, green: u8, blue: u8) -> u8 {
+    ((u32::from(red) * 4899 + u32::from(green) * 9617 + u32::from(blue) * 1868 + 8192) >> 14) as u8
+}
+
+/// 0..=65535 to 0..=255, rounded.
+fn narrow(value: u16) -> u8 {
+    ((u32::from(value) + 128) / 257) as u8
+}
+
+/// Turns whatever the decoder gave into grey. (`image`'s own `into_luma8` weighs by BT.709.)
+fn grey(decoded: DynamicImage) -> Vec<u8> {
+    match decoded {
+        DynamicImage::ImageLuma8(buffer) => buffer.into_raw(),
+        DynamicImage::ImageLumaA8(buffer) => buffer.as_raw().chunks_exact(2).map(|pixel| pixel[0]).collect(),
+        DynamicImage::ImageRgb8(buffer) => buffer.as_raw().chunks_exact(3).map(|pixel| luma(pixel[0], pixel[1], pixel[2])).collect(),
+        DynamicImage::ImageRgba8(buffer) => buffer.as_raw().chunks_exact(4).map(|pixel| luma(pixel[0], pixel[1], pixel[2])).collect(),
+        DynamicImage::ImageLuma16(buffer) => buffer.as_raw().iter().map(|value| narrow(*value)).collect(),
+        DynamicImage::ImageLumaA16(buffer) => buffer.as_raw().chunks_exact(2).map(|pixel| narrow(pixel[0])).collect(),
+        // 16-bit colour, floats and whatever a later version adds: by way of 8-bit colour.
+        other => other.into_rgb8().as_raw().chunks_exact(3).map(|pixel| luma(pixel[0], pixel[1], pixel[2])).collect(),
+    }
+}

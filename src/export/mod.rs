@@ -1,0 +1,6 @@
+//! What other programs read: the solution as YAML and JSON.
+
+pub mod document;
+pub mod solution;
+
+pub use document::Document;

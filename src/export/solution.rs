@@ -1,0 +1,384 @@
+//! The solution: the layout again, with every pose found, and beside it how far each can be trusted.
+//!
+//! A solution is itself a layout: its poses are fixed ones, its lenses and links the ones found, and the section `solution` holds what a layout
+//! has no place for. No time and no thread count stands in it: the same input gives the same bytes.
+
+use std::path::Path;
+
+use super::document::Document;
+use crate::frames::{Edge, Freedom};
+use crate::geometry::{Pattern, Pose, TargetGeometry, rotation};
+use crate::layout::{Camera, LossSetting, ModelSource, Motion, Mount, Robot, Target, Units};
+use crate::recording::atomic;
+use crate::robot::PARAMETERS_PER_LINK;
+use crate::solve::UnknownKind;
+use crate::workflow::solve::Solved;
+
+/// Radians in degrees.
+const DEGREE: f64 = std::f64::consts::PI / 180.0;
+
+/// Writes `path` and, beside it, the same as JSON. A path that ends in `.json` gets JSON alone.
+///
+/// # Errors
+/// When a file cannot be written; older files then stand untouched.
+pub fn write(path: &Path, solved: &Solved) -> std::io::Result<()> {
+    let document = document(solved);
+    let json = document.to_json()?;
+    if path.extension().is_some_and(|e| e == "json") {
+        return atomic::write(path, |out| writeln!(out, "{json}"));
+    }
+    let yaml = document.to_yaml()?;
+    atomic::write(path, |out| {
+        writeln!(out, "# Written by cellmap {}. A layout whose poses are the ones found; see `solution` at the end.", crate::VERSION)?;
+        out.write_all(yaml.as_bytes())
+    })?;
+    atomic::write(&path.with_extension("json"), |out| writeln!(out, "{json}"))
+}
+
+/// The whole solution as a document.
+#[must_use]
+pub fn document(solved: &Solved) -> Document {
+    let layout = &solved.layout;
+    let (length, angle) = layout.units.names();
+    let mut root = vec![
+        ("cellmap".to_owned(), Document::Whole(1)),
+        ("units".to_owned(), Document::map([("length", Document::text(length)), ("angle", Document::text(angle))])),
+        ("world".to_owned(), Document::text(&layout.world)),
+    ];
+    let mut section = |name: &str, entries: Vec<(String, Document)>| {
+        if !entries.is_empty() {
+            root.push((name.to_owned(), Document::Map(entries)));
+        }
+    };
+    let cameras = layout.cameras.iter().enumerate();
+    section("cameras", cameras.map(|(i, c)| (c.name.clone(), camera(solved, i, c))).collect());
+    let robots = layout.robots.iter().enumerate();
+    section("robots", robots.map(|(i, r)| (r.name.clone(), robot(solved, i, r))).collect());
+    let sensors = layout.sensors.iter().enumerate();
+    let sensor = |(i, s): (usize, &crate::layout::Sensor)| {
+        let mut entries = vec![("measures".to_owned(), Document::text("points"))];
+        place(&mut entries, &s.mount, solved, solved.tree.sensors[i]);
+        (s.name.clone(), Document::Map(entries))
+    };
+    section("sensors", sensors.map(sensor).collect());
+    let targets = layout.targets.iter().enumerate();
+    section("targets", targets.map(|(i, t)| (t.name.clone(), target(solved, i, t))).collect());
+    let files = |list: &[String]| Document::Row(list.iter().map(Document::text).collect());
+    let observed = &layout.observations;
+    let kinds = [
+        ("detections", &observed.detections),
+        ("target_poses", &observed.target_poses),
+        ("points", &observed.points),
+        ("contacts", &observed.contacts),
+    ];
+    section(
+        "observations",
+        kinds.into_iter().filter(|(_, list)| !list.is_empty()).map(|(k, list)| (k.to_owned(), files(list))).collect(),
+    );
+    root.push(("solve".to_owned(), settings(solved)));
+    root.push(("solution".to_owned(), found(solved)));
+    Document::Map(root)
+}
+
+fn number(value: f64) -> Document {
+    Document::Number(value)
+}
+
+/// A pose in the layout's units.
+fn pose_document(pose: &Pose, units: Units) -> Document {
+    let t: [f64; 3] = (pose.translation / units.length).into();
+    let q = pose.rotation.coords;
+    Document::map([("xyz", Document::numbers(&t)), ("quat_xyzw", Document::numbers(&[q.x, q.y, q.z, q.w]))])
+}
+
+/// `mount` and `pose` of a thing.
+fn place(entries: &mut Vec<(String, Document)>, mount: &Mount, solved: &Solved, frame: usize) {
+    if mount.parent != "world" {
+        entries.push(("mount".to_owned(), Document::text(&mount.parent)));
+    }
+    let Edge::Static(edge) = solved.tree.frames[frame].edge else { return };
+    let is_world = solved.tree.frames[frame].name == solved.layout.world;
+    // A frame that nothing measured stays unknown.
+    if !is_world && !solved.unseen.contains(&frame) {
+        entries.push(("pose".to_owned(), pose_document(&solved.state.static_poses[edge], solved.layout.units)));
+    }
+}
+
+fn camera(solved: &Solved, index: usize, camera: &Camera) -> Document {
+    let mut entries = Vec::new();
+    if let Some(images) = &camera.images {
+        entries.push(("images".to_owned(), Document::text(images)));
+    }
+    if let Some(intrinsics) = &camera.intrinsics {
+        let lens = intrinsics.with_parameters(solved.state.lenses[index]);
+        let size = lens.size();
+        let mut map = vec![
+            ("model".to_owned(), Document::text(lens.model().name())),
+            ("size".to_owned(), Document::Row(size.iter().map(|s| Document::Whole(u64::from(*s))).collect())),
+            ("focal".to_owned(), Document::numbers(&lens.focal())),
+            ("centre".to_owned(), Document::numbers(&lens.centre())),
+        ];
+        if !lens.distortion().is_empty() {
+            map.push(("distortion".to_owned(), Document::numbers(lens.distortion())));
+        }
+        entries.push(("intrinsics".to_owned(), Document::Map(map)));
+    }
+    place(&mut entries, &camera.mount, solved, solved.tree.cameras[index]);
+    Document::Map(entries)
+}
+
+fn robot(solved: &Solved, index: usize, robot: &Robot) -> Document {
+    let mut entries = Vec::new();
+    let text = Document::text;
+    let model = match &robot.model_source {
+        ModelSource::BuiltIn(name) => Some(text(name)),
+        ModelSource::Mdh(file) => Some(Document::map([("mdh", text(file))])),
+        ModelSource::Dh(file) => Some(Document::map([("dh", text(file))])),
+        ModelSource::Urdf(file, base, tip) => {
+            Some(Document::map([("urdf", text(file)), ("base", text(base)), ("tip", text(tip))]))
+        }
+        ModelSource::Reported => None,
+    };
+    if let Some(model) = model {
+        entries.push(("model".to_owned(), model));
+    }
+    match &robot.motion {
+        Motion::Joints { file, .. } => entries.push(("joints".to_owned(), text(file))),
+        Motion::FlangePoses { file } => entries.push(("flange_poses".to_owned(), text(file))),
+    }
+    if !robot.identify.is_empty() {
+        let units = solved.layout.units;
+        let rows = solved.state.corrections[index].chunks_exact(PARAMETERS_PER_LINK);
+        let row = |c: &[f64]| {
+            Document::numbers(&[c[0] / units.angle, c[1] / units.length, c[2] / units.length, c[3] / units.angle])
+        };
+        entries.push(("corrections".to_owned(), Document::List(rows.map(row).collect())));
+    }
+    place(&mut entries, &robot.mount, solved, solved.tree.robots[index][0]);
+    Document::Map(entries)
+}
+
+fn target(solved: &Solved, index: usize, target: &Target) -> Document {
+    let units = solved.layout.units;
+    let mut entries = match Document::from(&target.description) {
+        Document::Map(entries) => entries,
+        _ => Vec::new(),
+    };
+    // Places that were unknown stand in the solution as found.
+    match &target.geometry {
+        TargetGeometry::Points(points) if points.iter().any(|(_, place)| place.is_none()) => {
+            let places = points.iter().map(|(name, place)| {
+                let found = place.map_or_else(|| part(solved, &format!("{}.{name}", target.name)).map(|p| p.translation), Some);
+                let value = found.map_or(Document::text("unknown"), |p| {
+                    Document::numbers(&[p.x / units.length, p.y / units.length, p.z / units.length])
+                });
+                (name.clone(), value)
+            });
+            entries = vec![("points".to_owned(), Document::Map(places.collect()))];
+        }
+        TargetGeometry::Tags(faces) if faces.iter().any(|face| face.target_from_tag.is_none()) => {
+            let all: Option<Vec<Document>> = faces
+                .iter()
+                .map(|face| {
+                    let pose = face.target_from_tag.or_else(|| part(solved, &format!("{}.tag{}", target.name, face.id)))?;
+                    Some(Document::map([
+                        ("id", Document::Whole(u64::from(face.id))),
+                        ("size", number(face.size / units.length)),
+                        ("pose", pose_document(&pose, units)),
+                    ]))
+                })
+                .collect();
+            if let (Some(all), Some(Pattern::Tags { dictionary, .. })) = (all, &target.pattern) {
+                let tags = Document::map([("dictionary", Document::text(dictionary.name())), ("places", Document::List(all))]);
+                entries = vec![("tags".to_owned(), tags)];
+            }
+        }
+        _ => {}
+    }
+    if target.moves {
+        entries.push(("moves".to_owned(), Document::Flag(true)));
+    }
+    place(&mut entries, &target.mount, solved, solved.tree.targets[index]);
+    Document::Map(entries)
+}
+
+/// The pose of a tag or point that was to be found.
+fn part(solved: &Solved, name: &str) -> Option<Pose> {
+    let frame = solved.tree.frames.iter().position(|frame| frame.name == name)?;
+    match solved.tree.frames[frame].edge {
+        Edge::Static(edge) if !solved.unseen.contains(&frame) => Some(solved.state.static_poses[edge]),
+        _ => None,
+    }
+}
+
+fn settings(solved: &Solved) -> Document {
+    let (s, units) = (&solved.layout.solve, solved.layout.units);
+    let loss = match s.loss {
+        LossSetting::Squared => Document::text("squared"),
+        LossSetting::Huber(k) => Document::map([("huber", number(k))]),
+        LossSetting::Cauchy(k) => Document::map([("cauchy", number(k))]),
+        LossSetting::Tukey(k) => Document::map([("tukey", number(k))]),
+    };
+    Document::map([
+        ("loss", loss),
+        ("pixel_sigma", number(s.pixel_sigma)),
+        ("point_sigma", number(s.point_sigma / units.length)),
+        (
+            "pose_sigma",
+            Document::map([("xyz", number(s.pose_sigma[0] / units.length)), ("rotation", number(s.pose_sigma[1] / units.angle))]),
+        ),
+        ("contact_sigma", number(s.contact_sigma / units.length)),
+    ])
+}
+
+/// Every static pose with its standard deviations, keyed `parent_from_child`, in the fixed units of reports.
+#[must_use]
+pub fn poses(solved: &Solved) -> Vec<(String, Document)> {
+    let mut all = Vec::new();
+    for (index, edge) in solved.tree.static_edges.iter().enumerate() {
+        let name = &solved.tree.frames[edge.frame].name;
+        if *name == solved.layout.world || solved.unseen.contains(&edge.frame) {
+            continue;
+        }
+        let pose = &solved.state.static_poses[index];
+        let sigma = match solved.plan.unknowns.edge(index) {
+            Some(block) => {
+                solved.covariance.pose_sigma(&solved.tree, &solved.state, &solved.plan.unknowns.blocks[block])
+            }
+            None => [Some(0.0); 6],
+        };
+        let xyz: [f64; 3] = (pose.translation * 1e3).into();
+        let turn: [f64; 3] = (rotation::log(&pose.rotation) / DEGREE).into();
+        let scaled = |i: usize, scale: f64| sigma[i].map(|s| s * scale);
+        let kind = match (edge.freedom, &edge.spec) {
+            (Freedom::Fixed, _) => "fixed",
+            (_, crate::layout::PoseSpec::Prior(..)) => "found with a prior",
+            _ => "found",
+        };
+        all.push((
+            edge.key.clone(),
+            Document::map([
+                ("xyz_mm", Document::numbers(&xyz)),
+                ("rotvec_deg", Document::numbers(&turn)),
+                ("sigma_xyz_mm", Document::known(&[0, 1, 2].map(|i| scaled(i, 1e3)))),
+                ("sigma_rotvec_deg", Document::known(&[3, 4, 5].map(|i| scaled(i, 1.0 / DEGREE)))),
+                ("kind", Document::text(kind)),
+            ]),
+        ));
+    }
+    all
+}
+
+/// Lenses and links that were found, with standard deviations.
+#[must_use]
+pub fn parameters(solved: &Solved) -> Vec<(String, Document)> {
+    let mut all = Vec::new();
+    for block in &solved.plan.unknowns.blocks {
+        let sigma = |i: usize| solved.covariance.column_sigma(block.start + i).map_or(Document::Null, Document::Number);
+        let mut entries = Vec::new();
+        match &block.kind {
+            UnknownKind::Edge(_) => continue,
+            UnknownKind::Lens { camera, places } => {
+                let Some(intrinsics) = &solved.layout.cameras[*camera].intrinsics else { continue };
+                for (i, place) in places.iter().enumerate() {
+                    let value = number(solved.state.lenses[*camera][*place]);
+                    let name = intrinsics.model().parameter_name(*place).to_owned();
+                    entries.push((name, Document::map([("value", value), ("sigma", sigma(i))])));
+                }
+            }
+            UnknownKind::Links { robot, places, .. } => {
+                let Motion::Joints { chain, .. } = &solved.layout.robots[*robot].motion else { continue };
+                for (i, place) in places.iter().enumerate() {
+                    let (link, kind) = (place / PARAMETERS_PER_LINK, crate::robot::ParameterKind::ALL[place % PARAMETERS_PER_LINK]);
+                    let angle = kind.is_angle(chain.links[link].joint);
+                    let (scale, unit) = if angle { (1.0 / DEGREE, "deg") } else { (1e3, "mm") };
+                    let value = number(solved.state.corrections[*robot][*place] * scale);
+                    let sigma = solved.covariance.column_sigma(block.start + i).map_or(Document::Null, |s| number(s * scale));
+                    let name = format!("joint{}_{}_{unit}", link + 1, kind.name());
+                    entries.push((name, Document::map([("value", value), ("sigma", sigma)])));
+                }
+            }
+        }
+        all.push((block.name.clone(), Document::Map(entries)));
+    }
+    all
+}
+
+/// What could not be determined.
+#[must_use]
+pub fn undetermined(solved: &Solved) -> Document {
+    let one = |u: &crate::trust::Undetermined| {
+        Document::map([
+            ("blocks", Document::Row(u.blocks.iter().map(Document::text).collect())),
+            ("sigma_mm_mrad", u.sigma.map_or(Document::Null, Document::Number)),
+            ("reason", Document::text(&u.reason)),
+            ("remedy", Document::text(&u.remedy)),
+        ])
+    };
+    Document::List(solved.undetermined.iter().map(one).collect())
+}
+
+/// The quality of the fit.
+#[must_use]
+pub fn fit(solved: &Solved) -> Vec<(String, Document)> {
+    let r = &solved.residuals;
+    let optional = |value: Option<f64>| value.map_or(Document::Null, Document::Number);
+    let poses = r.rms_poses();
+    vec![
+        ("converged".to_owned(), Document::Flag(solved.report.termination.converged())),
+        ("termination".to_owned(), Document::text(solved.report.termination.words())),
+        ("initial_cost".to_owned(), number(solved.report.initial_cost)),
+        ("final_cost".to_owned(), number(solved.report.final_cost)),
+        ("observations".to_owned(), Document::Whole(solved.observations as u64)),
+        ("unknowns".to_owned(), Document::Whole(solved.unknowns as u64)),
+        ("rms_px".to_owned(), optional(r.rms_px())),
+        ("rms_pose_mm".to_owned(), optional(poses.map(|p| p[0] * 1e3))),
+        ("rms_pose_deg".to_owned(), optional(poses.map(|p| p[1] / DEGREE))),
+        ("rms_point_mm".to_owned(), optional(r.rms_points().map(|e| e * 1e3))),
+        ("rms_contact_mm".to_owned(), optional(r.rms_contacts().map(|e| e * 1e3))),
+        ("noise".to_owned(), number(solved.covariance.noise)),
+        ("rejected".to_owned(), Document::Whole(solved.rejected.total() as u64)),
+    ]
+}
+
+fn found(solved: &Solved) -> Document {
+    let mut entries = vec![("poses".to_owned(), Document::Map(poses(solved)))];
+    let parameters = parameters(solved);
+    if !parameters.is_empty() {
+        entries.push(("parameters".to_owned(), Document::Map(parameters)));
+    }
+    let moving = moving(solved);
+    if !moving.is_empty() {
+        entries.push(("moving".to_owned(), Document::Map(moving)));
+    }
+    entries.push(("fit".to_owned(), Document::Map(fit(solved))));
+    entries.push(("undetermined".to_owned(), undetermined(solved)));
+    let inputs = solved.inputs.iter().map(|(file, hash)| {
+        Document::map([("file", Document::text(file)), ("sha256", Document::text(hash))])
+    });
+    entries.push((
+        "provenance".to_owned(),
+        Document::map([("cellmap", Document::text(crate::VERSION)), ("inputs", Document::List(inputs.collect()))]),
+    ));
+    Document::Map(entries)
+}
+
+/// The poses of targets that move, by configuration.
+fn moving(solved: &Solved) -> Vec<(String, Document)> {
+    let units = solved.layout.units;
+    let edges = solved.tree.moving_edges.iter().enumerate();
+    edges
+        .map(|(index, edge)| {
+            let rows = solved.moved.get(index).into_iter().flatten().map(|&configuration| {
+                let pose = &solved.state.moving_poses[index][configuration];
+                let t = pose.translation / units.length;
+                let q = pose.rotation.coords;
+                let id = Document::Whole(solved.plan.configurations[configuration]);
+                let mut row = vec![id];
+                row.extend([t.x, t.y, t.z, q.x, q.y, q.z, q.w].map(Document::Number));
+                Document::Row(row)
+            });
+            (edge.key.clone(), Document::List(rows.collect()))
+        })
+        .collect()
+}

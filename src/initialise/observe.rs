@@ -1,0 +1,187 @@
+//! From the plan's blocks to candidate poses, and back from poses to the numbering of symmetric boards.
+
+use nalgebra::{Vector2, Vector3};
+use rayon::prelude::*;
+
+use super::consensus::{Votes, consensus, nearest};
+use super::pose_from_points::poses_from_points;
+use super::register::rigid_fit;
+use crate::frames::FrameTree;
+use crate::geometry::{Feature, Intrinsics, Pose, TargetGeometry};
+use crate::layout::Layout;
+use crate::recording::Recording;
+use crate::solve::{Block, Group, GroupKind, Plan};
+
+/// Pictures of one target by one camera from which poses are taken at most, spread evenly: more would not change the start.
+const MOST_PICTURES: usize = 300;
+
+/// Candidate poses of a target at one configuration.
+#[derive(Clone, Debug)]
+pub(super) struct Observation {
+    /// Index into the plan's configurations.
+    pub(super) configuration: usize,
+    /// The candidates, best first.
+    pub(super) votes: Votes,
+}
+
+/// The observations of a group: every block that shows enough for a pose.
+pub(super) fn observe(layout: &Layout, tree: &FrameTree, recording: &Recording, plan: &Plan, group: &Group) -> Vec<Observation> {
+    let stride = if group.compiled.moving.is_empty() { group.blocks.len().div_ceil(MOST_PICTURES).max(1) } else { 1 };
+    let blocks: Vec<&Block> = group.blocks.iter().step_by(stride).collect();
+    let symmetries = board_of(layout, tree, group).map_or(Vec::new(), |geometry| half_turns(geometry));
+    let one = |block: &&Block| {
+        let (candidates, weight): (Vec<Pose>, usize) = match group.kind {
+            GroupKind::Corners { camera } => {
+                let intrinsics = layout.cameras[camera].intrinsics.as_ref()?;
+                (picture_candidates(layout, tree, recording, plan, group, block, intrinsics), block.end - block.start)
+            }
+            GroupKind::Poses => {
+                let poses: Vec<Pose> = plan.measurements.poses[block.start..block.end].iter().flatten().copied().collect();
+                (representatives(&poses), block.end - block.start)
+            }
+            GroupKind::Points => {
+                let pairs: Vec<(Vector3<f64>, Vector3<f64>)> =
+                    plan.measurements.points[block.start..block.end].iter().flatten().copied().collect();
+                (solid_fit(&pairs).into_iter().collect(), pairs.len())
+            }
+            GroupKind::Contacts => (Vec::new(), 0),
+        };
+        let first = candidates.first()?;
+        let distance = first.translation.norm();
+        let candidates = if symmetries.is_empty() {
+            candidates
+        } else {
+            candidates.iter().flat_map(|pose| symmetries.iter().map(|turn| *pose * *turn)).collect()
+        };
+        Some(Observation { configuration: block.configuration, votes: Votes { candidates, weight: weight as f64, distance } })
+    };
+    blocks.par_iter().filter_map(one).collect()
+}
+
+/// What several shots of one pose agree on, and what those that disagree with it agree on: flipped tags come in two crowds.
+fn representatives(poses: &[Pose]) -> Vec<Pose> {
+    let vote = |pose: &Pose| Votes { candidates: vec![*pose], weight: 1.0, distance: pose.translation.norm() };
+    let votes: Vec<Votes> = poses.iter().map(vote).collect();
+    let Some((first, _)) = consensus(&votes) else { return Vec::new() };
+    let others: Vec<Votes> = votes.into_iter().filter(|vote| nearest(vote, &first).1 >= 1.0).collect();
+    let second = consensus(&others).map(|(pose, _)| pose);
+    std::iter::once(first).chain(second).collect()
+}
+
+/// A rigid fit of at least three points that are not in one place or on one line.
+fn solid_fit(pairs: &[(Vector3<f64>, Vector3<f64>)]) -> Option<Pose> {
+    let first = pairs.first()?.0;
+    let spread = pairs.iter().map(|(place, _)| (place - first).norm()).fold(0.0, f64::max);
+    let (a, b) = pairs.iter().find_map(|(p, _)| {
+        pairs.iter().find(|(q, _)| (p - first).cross(&(q - first)).norm() > 1e-3 * spread * spread).map(|(q, _)| (p, q))
+    })?;
+    debug_assert!(a != b);
+    rigid_fit(pairs)
+}
+
+/// The checkerboard that a group shows, if its numbering is open.
+fn board_of<'a>(layout: &'a Layout, tree: &FrameTree, group: &Group) -> Option<&'a TargetGeometry> {
+    let target = tree.targets.iter().position(|frame| *frame == group.path.to)?;
+    let geometry = &layout.targets[target].geometry;
+    (geometry.symmetries().len() > 1).then_some(geometry)
+}
+
+/// `target_from_target` for each numbering that a board's symmetry allows: the turn that maps corner `i` to where corner `map[i]` is.
+fn half_turns(geometry: &TargetGeometry) -> Vec<Pose> {
+    let place = |index: u32| geometry.place(&Feature::BoardCorner(index)).unwrap_or_default();
+    let fits = geometry.symmetries().into_iter().filter_map(|map| {
+        let pairs: Vec<_> = map.iter().enumerate().map(|(i, &to)| (place(i as u32), place(to))).collect();
+        // A turn in the board's plane: flat points leave the mirror image open, the rigid fit picks the proper rotation.
+        rigid_fit(&pairs).map(|fit| fit.inverse())
+    });
+    fits.collect()
+}
+
+fn picture_candidates(
+    layout: &Layout,
+    tree: &FrameTree,
+    recording: &Recording,
+    plan: &Plan,
+    group: &Group,
+    block: &Block,
+    intrinsics: &Intrinsics,
+) -> Vec<Pose> {
+    let m = &plan.measurements;
+    let range = block.start..block.end;
+    let shots = shot_ranges(recording, plan, block);
+    // Shots of a symmetric board may be numbered differently from each other: the first speaks for all.
+    let range = if board_of(layout, tree, group).is_some() { shots[0].clone() } else { range };
+    let (mut points, mut image) = (Vec::new(), Vec::new());
+    for i in range {
+        if let Ok(ideal) = intrinsics.undistort(&Vector2::from(m.corner_pixels[i])) {
+            points.push(Vector3::from(m.corner_points[i]));
+            image.push(ideal);
+        }
+    }
+    poses_from_points(&points, &image).into_iter().map(|candidate| candidate.pose).collect()
+}
+
+/// The corners of a block, shot by shot.
+fn shot_ranges(recording: &Recording, plan: &Plan, block: &Block) -> Vec<std::ops::Range<usize>> {
+    let shot = |i: usize| recording.corners[plan.measurements.corner_rows[i] as usize].shot;
+    let mut ranges = Vec::new();
+    let mut start = block.start;
+    for i in block.start..block.end {
+        if i + 1 == block.end || shot(i + 1) != shot(i) {
+            ranges.push(start..i + 1);
+            start = i + 1;
+        }
+    }
+    ranges
+}
+
+/// Gives the corners of symmetric boards the numbering that fits `poses` (`sensor_from_target` by group and block). Returns the number of boards
+/// that were turned.
+pub(super) fn renumber_boards(
+    layout: &Layout,
+    tree: &FrameTree,
+    recording: &Recording,
+    plan: &mut Plan,
+    poses: &[Vec<Pose>],
+) -> usize {
+    let mut turned = 0;
+    for (group_index, group) in plan.groups.clone().iter().enumerate() {
+        let (Some(geometry), GroupKind::Corners { camera }) = (board_of(layout, tree, group), group.kind) else { continue };
+        let Some(intrinsics) = &layout.cameras[camera].intrinsics else { continue };
+        let maps = geometry.symmetries();
+        for (block, pose) in group.blocks.iter().zip(&poses[group_index]) {
+            for range in shot_ranges(recording, plan, block) {
+                let numbered = |map: &[u32]| -> Option<Vec<Vector3<f64>>> {
+                    range
+                        .clone()
+                        .map(|i| match &recording.corners[plan.measurements.corner_rows[i] as usize].feature {
+                            Feature::BoardCorner(index) => geometry.place(&Feature::BoardCorner(*map.get(*index as usize)?)),
+                            _ => None,
+                        })
+                        .collect()
+                };
+                let error = |places: &[Vector3<f64>]| -> f64 {
+                    let one = |(place, i): (&Vector3<f64>, usize)| match intrinsics.project(&(*pose * *place)) {
+                        Some(pixel) => (pixel - Vector2::from(plan.measurements.corner_pixels[i])).norm_squared(),
+                        None => 1e12,
+                    };
+                    places.iter().zip(range.clone()).map(one).sum()
+                };
+                let best = maps
+                    .iter()
+                    .enumerate()
+                    .filter_map(|(rank, map)| numbered(map).map(|places| (rank, error(&places), places)))
+                    .min_by(|a, b| a.1.total_cmp(&b.1));
+                if let Some((rank, _, places)) = best
+                    && rank > 0
+                {
+                    turned += 1;
+                    for (place, i) in places.into_iter().zip(range) {
+                        plan.measurements.corner_points[i] = place.into();
+                    }
+                }
+            }
+        }
+    }
+    turned
+}

@@ -1,0 +1,143 @@
+//! Corners in pictures: `detections.csv`.
+
+use std::io::Write;
+use std::path::Path;
+
+use super::atomic;
+use super::table::Table;
+use crate::complaint::InputError;
+use crate::geometry::{Feature, TargetGeometry};
+use crate::layout::Layout;
+
+/// One corner as a detector reports it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CornerRow {
+    /// Where all robots stand.
+    pub configuration: u64,
+    /// Which of several pictures taken there.
+    pub shot: u64,
+    /// The camera's place in the layout.
+    pub camera: usize,
+    /// The target's place in the layout.
+    pub target: usize,
+    /// Which corner.
+    pub feature: Feature,
+    /// (u, v), px.
+    pub pixel: [f64; 2],
+    /// (suu, suv, svv), px^2.
+    pub covariance: Option<[f64; 3]>,
+}
+
+impl CornerRow {
+    /// The order of rows that everything downstream relies on.
+    #[must_use]
+    pub fn key(&self) -> (usize, u64, u64, usize, &Feature) {
+        (self.camera, self.configuration, self.shot, self.target, &self.feature)
+    }
+}
+
+const COLUMNS: [&str; 8] = ["configuration", "shot", "camera", "target", "tag", "corner", "u", "v"];
+const COVARIANCE: [&str; 3] = ["suu", "suv", "svv"];
+
+/// Reads a file of corners, sorted by [`CornerRow::key`].
+///
+/// # Errors
+/// Faults of the file; names, tags or corners that the layout does not have; a covariance that is not positive definite; a corner given twice.
+pub fn read_detections(path: &Path, layout: &Layout) -> Result<Vec<CornerRow>, InputError> {
+    let mut table = Table::open(path, &COLUMNS)?;
+    let [configuration, shot, camera, target, tag, corner, u, v] = table.columns(COLUMNS);
+    let covariance = table.column("suu").map(|_| table.columns(COVARIANCE));
+    let cameras: Vec<&str> = layout.cameras.iter().map(|camera| camera.name.as_str()).collect();
+    let targets: Vec<&str> = layout.targets.iter().map(|target| target.name.as_str()).collect();
+    let mut rows: Vec<(CornerRow, usize)> = Vec::new();
+    while let Some(row) = table.next_row()? {
+        let camera = row.one_of(camera, "camera", &cameras)?;
+        let target = row.one_of(target, "target", &targets)?;
+        if layout.cameras[camera].intrinsics.is_none() {
+            return Err(row.complaint(
+                format!("camera `{}` has corners but no `intrinsics` in the layout", cameras[camera]),
+                "add `intrinsics` to the camera",
+            ));
+        }
+        let (tag, corner) = (row.text(tag)?, row.whole(corner)?);
+        let geometry = &layout.targets[target].geometry;
+        let feature = feature_of(geometry, tag, corner).filter(|feature| geometry.has(feature)).ok_or_else(|| {
+            row.complaint(
+                format!("target `{}` has no tag `{tag}` with corner {corner}", targets[target]),
+                "check the target's geometry in the layout against the detector's",
+            )
+        })?;
+        let covariance = match covariance {
+            Some(columns) if !row.text(columns[0])?.is_empty() => {
+                let [suu, suv, svv] = row.numbers(columns)?;
+                if suu <= 0.0 || svv <= 0.0 || suu * svv - suv * suv <= 0.0 {
+                    return Err(row.complaint("the covariance is not positive definite", "suu and svv must be positive and suu svv > suv^2"));
+                }
+                Some([suu, suv, svv])
+            }
+            _ => None,
+        };
+        let pixel = row.numbers([u, v])?;
+        let found = CornerRow {
+            configuration: row.whole(configuration)?,
+            shot: row.whole(shot)?,
+            camera,
+            target,
+            feature,
+            pixel,
+            covariance,
+        };
+        rows.push((found, row.line));
+    }
+    rows.sort_by(|(a, _), (b, _)| a.key().cmp(&b.key()));
+    if let Some(pair) = rows.windows(2).find(|pair| pair[0].0.key() == pair[1].0.key()) {
+        let (first, second) = (pair[0].1.min(pair[1].1), pair[0].1.max(pair[1].1));
+        return Err(crate::complaint::Complaint::at(
+            path,
+            second,
+            format!("this corner is given twice, first on line {first}"),
+            "keep one of the lines",
+        )
+        .into());
+    }
+    Ok(rows.into_iter().map(|(row, _)| row).collect())
+}
+
+fn feature_of(geometry: &TargetGeometry, tag: &str, corner: u64) -> Option<Feature> {
+    match geometry {
+        TargetGeometry::None => None,
+        TargetGeometry::Tags(_) => Some(Feature::TagCorner(tag.parse().ok()?, u8::try_from(corner).ok()?)),
+        TargetGeometry::Board { .. } => tag.is_empty().then_some(())
+            .and_then(|()| Some(Feature::BoardCorner(u32::try_from(corner).ok()?))),
+        TargetGeometry::Points(_) => (corner == 0).then(|| Feature::Point(tag.to_owned())),
+    }
+}
+
+/// Writes corners in the order given, with four decimals of a pixel (a hundredth of the best detector's noise).
+///
+/// # Errors
+/// When the file cannot be written; an older file then stands untouched.
+pub fn write_detections(path: &Path, layout: &Layout, rows: &[CornerRow]) -> std::io::Result<()> {
+    atomic::write(path, |out| {
+        writeln!(out, "{},{}", COLUMNS.join(","), COVARIANCE.join(","))?;
+        for row in rows {
+            write_row(out, layout, row)?;
+        }
+        Ok(())
+    })
+}
+
+fn write_row(out: &mut dyn Write, layout: &Layout, row: &CornerRow) -> std::io::Result<()> {
+    let (tag, corner) = match &row.feature {
+        Feature::TagCorner(tag, corner) => (tag.to_string(), u32::from(*corner)),
+        Feature::BoardCorner(corner) => (String::new(), *corner),
+        Feature::Point(name) => (name.clone(), 0),
+    };
+    let (camera, target) = (&layout.cameras[row.camera].name, &layout.targets[row.target].name);
+    write!(out, "{},{},{camera},{target},{tag},{corner},", row.configuration, row.shot)?;
+    write!(out, "{:.4},{:.4},", row.pixel[0], row.pixel[1])?;
+    match row.covariance {
+        Some([suu, suv, svv]) => writeln!(out, "{suu:.4e},{suv:.4e},{svv:.4e}"),
+        None => writeln!(out, ",,"),
+    }
+}

@@ -1,0 +1,167 @@
+//! The files of a recording: joint values, flange poses, corners, whole poses, points and contacts.
+//!
+//! Every reader turns a CSV file into sorted rows in metres, radians and pixels, so that the order of the lines in a file never
+//! reaches the numbers of a solution. A fault names file and line; no row is dropped in silence. Every writer goes through
+//! [`atomic`]: a file appears whole or not at all.
+
+pub mod atomic;
+pub mod detections;
+pub mod motion;
+pub mod table;
+pub mod targets;
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use crate::complaint::{Complaint, InputError};
+use crate::geometry::Pose;
+use crate::layout::{Layout, Motion};
+
+pub use detections::{CornerRow, read_detections, write_detections};
+pub use motion::{FlangePoses, JointValues, read_flange_poses, read_joints};
+pub use targets::{ContactRow, PointRow, PoseRow, read_contacts, read_points, read_target_poses};
+
+/// Where detections go and come from unless something else is said.
+pub const DEFAULT_DETECTIONS: &str = "detections.csv";
+
+/// How one robot moved.
+#[derive(Clone, Debug, PartialEq)]
+pub enum RobotMotion {
+    /// Joint values (rad, m) by configuration.
+    Joints(BTreeMap<u64, Vec<f64>>),
+    /// `base_from_flange` by configuration.
+    Flange(BTreeMap<u64, Pose>),
+}
+
+impl RobotMotion {
+    /// Whether the robot's place at a configuration is known.
+    #[must_use]
+    pub fn knows(&self, configuration: u64) -> bool {
+        match self {
+            Self::Joints(values) => values.contains_key(&configuration),
+            Self::Flange(poses) => poses.contains_key(&configuration),
+        }
+    }
+
+    /// The configurations in order.
+    #[must_use]
+    pub fn configurations(&self) -> Vec<u64> {
+        match self {
+            Self::Joints(values) => values.keys().copied().collect(),
+            Self::Flange(poses) => poses.keys().copied().collect(),
+        }
+    }
+}
+
+/// All that was recorded, sorted.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Recording {
+    /// One a robot, in the layout's order.
+    pub motions: Vec<RobotMotion>,
+    /// Corners in pictures.
+    pub corners: Vec<CornerRow>,
+    /// Whole poses measured by others.
+    pub poses: Vec<PoseRow>,
+    /// Points.
+    pub points: Vec<PointRow>,
+    /// Touching points.
+    pub contacts: Vec<ContactRow>,
+    /// The files that were read.
+    pub files: Vec<PathBuf>,
+}
+
+impl Recording {
+    /// Reads the robots' motion alone.
+    ///
+    /// # Errors
+    /// Faults of the files, all of them at once.
+    pub fn read_motion(layout: &Layout) -> Result<Self, InputError> {
+        let mut recording = Self::default();
+        let mut complaints = Vec::new();
+        for (index, robot) in layout.robots.iter().enumerate() {
+            let (path, motion) = match &robot.motion {
+                Motion::Joints { file, .. } => {
+                    let path = layout.recording.join(file);
+                    let motion = read_joints(&path, layout, index).map(RobotMotion::Joints);
+                    (path, motion)
+                }
+                Motion::FlangePoses { file } => {
+                    let path = layout.recording.join(file);
+                    let motion = read_flange_poses(&path, layout, index).map(RobotMotion::Flange);
+                    (path, motion)
+                }
+            };
+            recording.note(path);
+            match motion {
+                Ok(motion) => recording.motions.push(motion),
+                Err(InputError(found)) => complaints.extend(found),
+            }
+        }
+        complaints.dedup();
+        if complaints.is_empty() { Ok(recording) } else { Err(InputError(complaints)) }
+    }
+
+    /// Reads everything the layout names. `detections` takes the place of the layout's own corners. A layout without `observations` and
+    /// without `detections` is looked for in `detections.csv`.
+    ///
+    /// # Errors
+    /// Faults of the files; no measurement at all.
+    pub fn read(layout: &Layout, detections: Option<&Path>) -> Result<Self, InputError> {
+        let mut recording = Self::read_motion(layout)?;
+        let observations = &layout.observations;
+        let default = layout.recording.join(DEFAULT_DETECTIONS);
+        let corner_files: Vec<PathBuf> = match detections {
+            Some(path) => vec![path.to_owned()],
+            None if observations.given => observations.detections.iter().map(|f| layout.recording.join(f)).collect(),
+            None if default.exists() => vec![default],
+            None => {
+                return Err(Complaint::of(
+                    &layout.file,
+                    "there is nothing to solve from: the layout has no `observations` and the recording no `detections.csv`",
+                    "run `cellmap detect` on the layout first",
+                )
+                .into());
+            }
+        };
+        for path in corner_files {
+            recording.corners.extend(read_detections(&path, layout)?);
+            recording.note(path);
+        }
+        for file in &observations.target_poses {
+            let path = layout.recording.join(file);
+            recording.poses.extend(read_target_poses(&path, layout)?);
+            recording.note(path);
+        }
+        for file in &observations.points {
+            let path = layout.recording.join(file);
+            recording.points.extend(read_points(&path, layout)?);
+            recording.note(path);
+        }
+        for file in &observations.contacts {
+            let path = layout.recording.join(file);
+            recording.contacts.extend(read_contacts(&path, layout)?);
+            recording.note(path);
+        }
+        // Several files of one kind are one recording: their order must not matter either.
+        recording.corners.sort_by(|a, b| a.key().cmp(&b.key()));
+        if recording.corners.is_empty()
+            && recording.poses.is_empty()
+            && recording.points.is_empty()
+            && recording.contacts.is_empty()
+        {
+            return Err(Complaint::of(
+                recording.files.last().unwrap_or(&layout.file),
+                "the recording is empty: its files hold no measurement",
+                "check that the detector found something and that the files are the right ones",
+            )
+            .into());
+        }
+        Ok(recording)
+    }
+
+    fn note(&mut self, path: PathBuf) {
+        if !self.files.contains(&path) {
+            self.files.push(path);
+        }
+    }
+}

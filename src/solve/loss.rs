@@ -1,0 +1,54 @@
+//! Robust losses on the squared whitened norm of a residual.
+
+use crate::layout::LossSetting;
+
+/// A loss `rho(s)` of the squared norm `s` of a residual in standard deviations. The cost of a residual is `rho(s) / 2`; `rho(s) = s` near zero.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Loss {
+    /// Plain least squares.
+    Squared,
+    /// Linear beyond `k`.
+    Huber(f64),
+    /// Logarithmic beyond `k`.
+    Cauchy(f64),
+    /// Constant beyond `k`.
+    Tukey(f64),
+}
+
+impl From<LossSetting> for Loss {
+    fn from(setting: LossSetting) -> Self {
+        match setting {
+            LossSetting::Squared => Self::Squared,
+            LossSetting::Huber(k) => Self::Huber(k),
+            LossSetting::Cauchy(k) => Self::Cauchy(k),
+            LossSetting::Tukey(k) => Self::Tukey(k),
+        }
+    }
+}
+
+impl Loss {
+    /// `(rho(s), rho'(s))`; the derivative is the weight of iteratively reweighted least squares.
+    #[inline]
+    #[must_use]
+    pub fn evaluate(self, s: f64) -> (f64, f64) {
+        match self {
+            Self::Squared => (s, 1.0),
+            Self::Huber(k) => {
+                if s <= k * k {
+                    (s, 1.0)
+                } else {
+                    let r = s.sqrt();
+                    (2.0 * k * r - k * k, k / r)
+                }
+            }
+            Self::Cauchy(k) => {
+                let t = s / (k * k);
+                (k * k * t.ln_1p(), 1.0 / (1.0 + t))
+            }
+            Self::Tukey(k) => {
+                let t = 1.0 - s / (k * k);
+                if t <= 0.0 { (k * k / 3.0, 0.0) } else { (k * k / 3.0 * (1.0 - t * t * t), t * t) }
+            }
+        }
+    }
+}

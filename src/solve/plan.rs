@@ -1,0 +1,376 @@
+//! Compiling a layout and its recording into arrays and column numbers.
+//!
+//! After this, nothing in the loop speaks of names: measurements are grouped by path and kind, and within a group by configuration, so that all
+//! shots of one target by one camera at one configuration are one block with one transform.
+
+use nalgebra::Vector3;
+use std::collections::{BTreeMap, HashMap};
+use thiserror::Error;
+
+use super::unknowns::Unknowns;
+use crate::frames::{FrameId, FrameTree, Freedom, Path, Step};
+use crate::geometry::Pose;
+use crate::layout::{Layout, SolveSettings};
+use crate::recording::Recording;
+
+/// A step of a path with the places of its unknowns among the path's own columns.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum CompiledStep {
+    /// A static edge; `column` is (first, count) if it is to be found.
+    Static {
+        /// Index into the tree's static edges.
+        edge: usize,
+        /// Walked upwards.
+        inverse: bool,
+        /// Its place among the path's columns.
+        column: Option<(usize, usize)>,
+    },
+    /// A moving edge: six columns.
+    Moving {
+        /// Index into the tree's moving edges.
+        edge: usize,
+        /// Walked upwards.
+        inverse: bool,
+        /// Its first column.
+        column: usize,
+    },
+    /// A robot segment; `column` is (first, count) if its links are to be found.
+    Robot {
+        /// Index into [`Plan::segments`].
+        segment: usize,
+        /// Walked towards the base.
+        inverse: bool,
+        /// Its place among the path's columns.
+        column: Option<(usize, usize)>,
+    },
+}
+
+/// A path ready for the loop.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CompiledPath {
+    /// The factors.
+    pub steps: Vec<CompiledStep>,
+    /// Shared columns first: (first path column, first shared column, count).
+    pub shared: Vec<(usize, usize, usize)>,
+    /// Then moving edges: (first path column, moving edge).
+    pub moving: Vec<(usize, usize)>,
+    /// All columns.
+    pub columns: usize,
+}
+
+/// A part of a robot that some path walks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Segment {
+    /// The robot's place in the layout.
+    pub robot: usize,
+    /// Nearer the base.
+    pub from: usize,
+    /// Nearer the flange.
+    pub to: usize,
+}
+
+/// All measurements, flat.
+#[derive(Clone, Debug, Default)]
+pub struct Measurements {
+    /// Corners: place in the frame at the path's end (m).
+    pub corner_points: Vec<[f64; 3]>,
+    /// Corners: pixel.
+    pub corner_pixels: Vec<[f64; 2]>,
+    /// Corners: `[a, b, c]` with whitened residual `(a du, b du + c dv)`; zeros for a rejected corner.
+    pub corner_whiteners: Vec<[f64; 3]>,
+    /// Corners: the row of the recording.
+    pub corner_rows: Vec<u32>,
+    /// Whole poses, `sensor_from_target`; none where rejected.
+    pub poses: Vec<Option<Pose>>,
+    /// Points: place in the frame at the path's end, and measured position in the sensor's frame (m); none where rejected.
+    pub points: Vec<Option<(Vector3<f64>, Vector3<f64>)>>,
+    /// Contacts: the two places in their frames and the distance (m).
+    pub contacts: Vec<(Vector3<f64>, Vector3<f64>, f64)>,
+}
+
+/// What kind of measurement a group holds; ranges of its blocks point into the arrays of that kind.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum GroupKind {
+    /// Corners seen by a camera.
+    Corners {
+        /// The camera's place in the layout.
+        camera: usize,
+    },
+    /// Whole poses.
+    Poses,
+    /// Points.
+    Points,
+    /// Contacts.
+    Contacts,
+}
+
+/// Measurements of one kind along one path.
+#[derive(Clone, Debug)]
+pub struct Group {
+    /// The path.
+    pub path: Path,
+    /// The path with columns.
+    pub compiled: CompiledPath,
+    /// What is measured.
+    pub kind: GroupKind,
+    /// By configuration.
+    pub blocks: Vec<Block>,
+}
+
+/// All measurements of a group at one configuration.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Block {
+    /// Index into [`Plan::configurations`].
+    pub configuration: usize,
+    /// Range in the arrays of the group's kind.
+    pub start: usize,
+    /// End of the range.
+    pub end: usize,
+}
+
+/// A problem ready to be solved.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// Every configuration that has a measurement, in order.
+    pub configurations: Vec<u64>,
+    /// In the order of kinds and paths.
+    pub groups: Vec<Group>,
+    /// The numbers.
+    pub measurements: Measurements,
+    /// The shared unknowns.
+    pub unknowns: Unknowns,
+    /// Robot segments that paths walk.
+    pub segments: Vec<Segment>,
+    /// The layout's `solve` section.
+    pub settings: SolveSettings,
+}
+
+/// A measurement that cannot be placed.
+#[derive(Clone, Debug, Error, PartialEq, Eq)]
+pub enum PlanError {
+    /// The robot's place at the configuration is not recorded.
+    #[error("configuration {configuration} has a measurement by `{sensor}` but robot `{robot}` has no joint values there")]
+    NoMotion {
+        /// The configuration.
+        configuration: u64,
+        /// Who measured.
+        sensor: String,
+        /// Which robot's place is missing.
+        robot: String,
+    },
+}
+
+/// Rows of one kind and path while the plan is being made: by configuration, the rows' numbers.
+type Gathering = BTreeMap<(GroupKind, FrameId, FrameId), BTreeMap<u64, Vec<usize>>>;
+
+impl Plan {
+    /// Compiles a recording.
+    ///
+    /// # Errors
+    /// [`PlanError::NoMotion`] for a measurement at a configuration where a robot on its path was not recorded.
+    pub fn new(layout: &Layout, tree: &FrameTree, recording: &Recording) -> Result<Self, PlanError> {
+        let mut gathered: Gathering = BTreeMap::new();
+        let mut add = |kind, from, to, configuration, row| {
+            gathered.entry((kind, from, to)).or_default().entry(configuration).or_insert_with(Vec::new).push(row);
+        };
+        let mut places = Vec::with_capacity(recording.corners.len());
+        for (row, corner) in recording.corners.iter().enumerate() {
+            let located = tree.locate(layout, corner.target, &corner.feature);
+            let (frame, place) = located.unwrap_or((tree.targets[corner.target], Vector3::zeros()));
+            places.push(place);
+            let camera = corner.camera;
+            add(GroupKind::Corners { camera }, tree.cameras[camera], frame, corner.configuration, row);
+        }
+        for (row, pose) in recording.poses.iter().enumerate() {
+            add(GroupKind::Poses, tree.cameras[pose.camera], tree.targets[pose.target], pose.configuration, row);
+        }
+        for (row, point) in recording.points.iter().enumerate() {
+            let located = tree.locate(layout, point.target, &point.feature);
+            let frame = located.map_or(tree.targets[point.target], |(frame, _)| frame);
+            add(GroupKind::Points, tree.sensors[point.sensor], frame, point.configuration, row);
+        }
+        for (row, contact) in recording.contacts.iter().enumerate() {
+            let [a, b] = [0, 1].map(|i| {
+                let (target, feature) = &contact.points[i];
+                tree.locate(layout, *target, feature).map_or(tree.targets[*target], |(frame, _)| frame)
+            });
+            add(GroupKind::Contacts, a, b, contact.configuration, row);
+        }
+        let mut configurations: Vec<u64> = gathered.values().flat_map(|by| by.keys().copied()).collect();
+        configurations.sort_unstable();
+        configurations.dedup();
+        let paths: Vec<Path> = gathered.keys().map(|(_, from, to)| tree.path(*from, *to)).collect();
+        check_motion(layout, tree, recording, &gathered, &paths)?;
+        let unknowns = seen_unknowns(layout, tree, gathered.keys().map(|key| key.0).zip(&paths));
+        let mut plan = Self {
+            configurations,
+            groups: Vec::new(),
+            measurements: Measurements::default(),
+            unknowns,
+            segments: Vec::new(),
+            settings: layout.solve,
+        };
+        let mut known: HashMap<Segment, usize> = HashMap::new();
+        for (((kind, ..), rows), path) in gathered.into_iter().zip(paths) {
+            let compiled = plan.compile(tree, &path, &mut known);
+            let mut blocks = Vec::with_capacity(rows.len());
+            for (configuration, rows) in rows {
+                let start = plan.length(kind);
+                for row in rows {
+                    plan.store(layout, tree, recording, kind, row, &places);
+                }
+                let configuration = plan.configurations.binary_search(&configuration).unwrap_or(0);
+                blocks.push(Block { configuration, start, end: plan.length(kind) });
+            }
+            plan.groups.push(Group { path, compiled, kind, blocks });
+        }
+        Ok(plan)
+    }
+
+    fn length(&self, kind: GroupKind) -> usize {
+        let m = &self.measurements;
+        match kind {
+            GroupKind::Corners { .. } => m.corner_pixels.len(),
+            GroupKind::Poses => m.poses.len(),
+            GroupKind::Points => m.points.len(),
+            GroupKind::Contacts => m.contacts.len(),
+        }
+    }
+
+    fn store(
+        &mut self,
+        layout: &Layout,
+        tree: &FrameTree,
+        recording: &Recording,
+        kind: GroupKind,
+        row: usize,
+        places: &[Vector3<f64>],
+    ) {
+        let m = &mut self.measurements;
+        let place = |target: usize, feature| tree.locate(layout, target, feature).map_or_else(Vector3::zeros, |(_, place)| place);
+        match kind {
+            GroupKind::Corners { .. } => {
+                let corner = &recording.corners[row];
+                m.corner_points.push(places[row].into());
+                m.corner_pixels.push(corner.pixel);
+                m.corner_whiteners.push(whitener(corner.covariance, self.settings.pixel_sigma));
+                m.corner_rows.push(row as u32);
+            }
+            GroupKind::Poses => m.poses.push(Some(recording.poses[row].pose)),
+            GroupKind::Points => {
+                let point = &recording.points[row];
+                m.points.push(Some((place(point.target, &point.feature), point.position)));
+            }
+            GroupKind::Contacts => {
+                let contact = &recording.contacts[row];
+                let [(ta, fa), (tb, fb)] = &contact.points;
+                m.contacts.push((place(*ta, fa), place(*tb, fb), contact.distance));
+            }
+        }
+    }
+
+    fn compile(&mut self, tree: &FrameTree, path: &Path, known: &mut HashMap<Segment, usize>) -> CompiledPath {
+        let (mut shared, mut moving, mut columns) = (Vec::new(), Vec::new(), 0);
+        let mut take = |unknowns: &Unknowns, block: Option<usize>| {
+            let block = &unknowns.blocks[block?];
+            let place = (columns, block.count());
+            shared.push((columns, block.start, block.count()));
+            columns += block.count();
+            Some(place)
+        };
+        let mut steps: Vec<CompiledStep> = path
+            .steps
+            .iter()
+            .map(|step| match *step {
+                Step::Static { edge, inverse } => {
+                    let column = take(&self.unknowns, self.unknowns.edge(edge));
+                    debug_assert!(column.is_none() || tree.static_edges[edge].freedom != Freedom::Fixed);
+                    CompiledStep::Static { edge, inverse, column }
+                }
+                Step::Moving { edge, inverse } => CompiledStep::Moving { edge, inverse, column: 0 },
+                Step::Robot { robot, from, to, inverse } => {
+                    let column = take(&self.unknowns, self.unknowns.links(robot));
+                    let next = self.segments.len();
+                    let segment = *known.entry(Segment { robot, from, to }).or_insert(next);
+                    if segment == next {
+                        self.segments.push(Segment { robot, from, to });
+                    }
+                    CompiledStep::Robot { segment, inverse, column }
+                }
+            })
+            .collect();
+        for step in &mut steps {
+            if let CompiledStep::Moving { edge, column, .. } = step {
+                *column = columns;
+                moving.push((columns, *edge));
+                columns += 6;
+            }
+        }
+        CompiledPath { steps, shared, moving, columns }
+    }
+
+    /// The number of scalar measurements that have not been rejected.
+    #[must_use]
+    pub fn scalar_count(&self) -> usize {
+        let m = &self.measurements;
+        2 * m.corner_whiteners.iter().filter(|w| w[0] != 0.0).count()
+            + 6 * m.poses.iter().flatten().count()
+            + 3 * m.points.iter().flatten().count()
+            + m.contacts.iter().map(|contact| if contact.2 == 0.0 { 3 } else { 1 }).sum::<usize>()
+    }
+}
+
+/// `[a, b, c]` with `W^T W` the inverse of the covariance: the transposed inverse Cholesky factor. `floor` (px) is added in quadrature.
+fn whitener(covariance: Option<[f64; 3]>, floor: f64) -> [f64; 3] {
+    let [suu, suv, svv] = covariance.unwrap_or([0.0; 3]);
+    let (suu, svv) = (suu + floor * floor, svv + floor * floor);
+    let l11 = suu.sqrt();
+    let l21 = suv / l11;
+    let l22 = (svv - l21 * l21).max(1e-12).sqrt();
+    [1.0 / l11, -l21 / (l11 * l22), 1.0 / l22]
+}
+
+fn check_motion(
+    layout: &Layout,
+    tree: &FrameTree,
+    recording: &Recording,
+    gathered: &Gathering,
+    paths: &[Path],
+) -> Result<(), PlanError> {
+    for (((_, from, _), rows), path) in gathered.iter().zip(paths) {
+        for robot in path.robots() {
+            if let Some(&configuration) = rows.keys().find(|c| !recording.motions[robot].knows(**c)) {
+                return Err(PlanError::NoMotion {
+                    configuration,
+                    sensor: tree.frames[*from].name.clone(),
+                    robot: layout.robots[robot].name.clone(),
+                });
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The unknowns that some measurement or prior speaks of; the others would make every step singular and are reported apart.
+fn seen_unknowns<'a>(
+    layout: &Layout,
+    tree: &FrameTree,
+    groups: impl Iterator<Item = (GroupKind, &'a Path)>,
+) -> Unknowns {
+    let mut edges = vec![false; tree.static_edges.len()];
+    let mut robots = vec![false; layout.robots.len()];
+    let mut lenses = vec![false; layout.cameras.len()];
+    for (kind, path) in groups {
+        if let GroupKind::Corners { camera } = kind {
+            lenses[camera] = true;
+        }
+        for step in &path.steps {
+            match step {
+                Step::Static { edge, .. } => edges[*edge] = true,
+                Step::Robot { robot, .. } => robots[*robot] = true,
+                Step::Moving { .. } => {}
+            }
+        }
+    }
+    Unknowns::new(layout, tree, &edges, &robots, &lenses)
+}

@@ -1,0 +1,27 @@
+//! The numbers that are being found.
+
+use crate::geometry::Pose;
+use crate::geometry::lens::MAX_PARAMETERS;
+
+/// A value for every edge, link parameter and lens of a cell, known ones included.
+#[derive(Clone, Debug, PartialEq, Default)]
+pub struct State {
+    /// `parent_from_child` of each static edge.
+    pub static_poses: Vec<Pose>,
+    /// `parent_from_child` of each moving edge at each configuration of the plan.
+    pub moving_poses: Vec<Vec<Pose>>,
+    /// Link corrections of each robot; empty for a robot that is not identified.
+    pub corrections: Vec<Vec<f64>>,
+    /// Lens parameters of each camera; zeros for a camera without a lens.
+    pub lenses: Vec<[f64; MAX_PARAMETERS]>,
+}
+
+impl State {
+    /// Whether every number is finite.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        self.static_poses.iter().chain(self.moving_poses.iter().flatten()).all(Pose::is_finite)
+            && self.corrections.iter().flatten().all(|x| x.is_finite())
+            && self.lenses.iter().flatten().all(|x| x.is_finite())
+    }
+}

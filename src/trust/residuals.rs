@@ -1,0 +1,122 @@
+//! The residuals of a solution, kind by kind.
+
+use crate::geometry::lens::{Lens, with_lens};
+use crate::geometry::{LensModel, Pose};
+use crate::layout::Layout;
+use crate::solve::kernels::pose_residuals;
+use crate::solve::{GroupKind, Loss, Plan, State};
+
+/// What is left of the measurements at a state.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Residuals {
+    /// (du, dv) in px of each corner of the plan; none where it was rejected or cannot be seen.
+    pub corners: Vec<Option<[f64; 2]>>,
+    /// Translation (m) and rotation (rad) errors of each measured pose.
+    pub poses: Vec<Option<[f64; 2]>>,
+    /// Error (m) of each measured point.
+    pub points: Vec<Option<f64>>,
+    /// Error (m) of each contact.
+    pub contacts: Vec<f64>,
+    /// Squared whitened norm of each corner; of each pose's translation and rotation; of each point.
+    pub whitened: [Vec<f64>; 3],
+    /// Sum of robust weight times squared whitened residual.
+    pub weighted_sum: f64,
+}
+
+impl Residuals {
+    /// Root mean square over the accepted corners, px a coordinate.
+    #[must_use]
+    pub fn rms_px(&self) -> Option<f64> {
+        root_mean_square(self.corners.iter().flatten().map(|d| d[0] * d[0] + d[1] * d[1]), 2.0)
+    }
+
+    /// Root mean square translation (m) and rotation (rad) error of measured poses.
+    #[must_use]
+    pub fn rms_poses(&self) -> Option<[f64; 2]> {
+        let part = |i: usize| root_mean_square(self.poses.iter().flatten().map(|e| e[i] * e[i]), 1.0);
+        Some([part(0)?, part(1)?])
+    }
+
+    /// Root mean square error (m) of measured points.
+    #[must_use]
+    pub fn rms_points(&self) -> Option<f64> {
+        root_mean_square(self.points.iter().flatten().map(|e| e * e), 1.0)
+    }
+
+    /// Root mean square error (m) of contacts.
+    #[must_use]
+    pub fn rms_contacts(&self) -> Option<f64> {
+        root_mean_square(self.contacts.iter().map(|e| e * e), 1.0)
+    }
+}
+
+fn root_mean_square(squares: impl Iterator<Item = f64>, each: f64) -> Option<f64> {
+    let (sum, count) = squares.fold((0.0, 0.0), |(sum, count), square| (sum + square, count + each));
+    (count > 0.0).then(|| f64::sqrt(sum / count))
+}
+
+/// Computes the residuals at a state whose blocks have the transforms `poses[group][block]`.
+#[must_use]
+pub fn residuals(layout: &Layout, plan: &Plan, state: &State, poses: &[Vec<Pose>], loss: Loss) -> Residuals {
+    let m = &plan.measurements;
+    let mut all = Residuals {
+        corners: vec![None; m.corner_pixels.len()],
+        poses: vec![None; m.poses.len()],
+        points: vec![None; m.points.len()],
+        contacts: vec![0.0; m.contacts.len()],
+        whitened: [vec![0.0; m.corner_pixels.len()], vec![0.0; 2 * m.poses.len()], vec![0.0; m.points.len()]],
+        weighted_sum: 0.0,
+    };
+    for (group, poses) in plan.groups.iter().zip(poses) {
+        for (block, pose) in group.blocks.iter().zip(poses) {
+            for i in block.start..block.end {
+                match group.kind {
+                    GroupKind::Corners { camera } => {
+                        let [a, b, c] = m.corner_whiteners[i];
+                        let model = layout.cameras[camera].intrinsics.as_ref().map_or(LensModel::Pinhole, |x| x.model());
+                        let point: [f64; 3] = (*pose * nalgebra::Vector3::from(m.corner_points[i])).into();
+                        let projected = with_lens!(model, L => L::project(&state.lenses[camera], &point));
+                        if a != 0.0
+                            && let Some(pixel) = projected
+                        {
+                            let d = [pixel[0] - m.corner_pixels[i][0], pixel[1] - m.corner_pixels[i][1]];
+                            let (u, v) = (a * d[0], b * d[0] + c * d[1]);
+                            all.corners[i] = Some(d);
+                            all.whitened[0][i] = u * u + v * v;
+                            all.weighted_sum += weighted(u * u + v * v, loss);
+                        }
+                    }
+                    GroupKind::Poses => {
+                        if let Some(measured) = &m.poses[i] {
+                            let sigma = plan.settings.pose_sigma;
+                            let (t, r) = pose_residuals(measured, pose, sigma);
+                            all.poses[i] = Some([t.norm() * sigma[0], r.norm() * sigma[1]]);
+                            (all.whitened[1][2 * i], all.whitened[1][2 * i + 1]) = (t.norm_squared(), r.norm_squared());
+                            all.weighted_sum += weighted(t.norm_squared(), loss) + weighted(r.norm_squared(), loss);
+                        }
+                    }
+                    GroupKind::Points => {
+                        if let Some((place, measured)) = &m.points[i] {
+                            let error = (*pose * *place - measured).norm();
+                            let s = (error / plan.settings.point_sigma).powi(2);
+                            all.points[i] = Some(error);
+                            all.whitened[2][i] = s;
+                            all.weighted_sum += weighted(s, loss);
+                        }
+                    }
+                    GroupKind::Contacts => {
+                        let (a, b, distance) = &m.contacts[i];
+                        let error = (*pose * *b - a).norm() - distance;
+                        all.contacts[i] = error;
+                        all.weighted_sum += weighted((error / plan.settings.contact_sigma).powi(2), loss);
+                    }
+                }
+            }
+        }
+    }
+    all
+}
+
+fn weighted(squared: f64, loss: Loss) -> f64 {
+    squared * loss.evaluate(squared).1
+}

@@ -1,0 +1,9 @@
+//! The commands as functions: a layout in, a result out, nothing printed.
+//!
+//! Programs that use the library start here; the binary does nothing else than call these and show what they return.
+
+pub mod check;
+pub mod compare;
+pub mod detect;
+pub mod identify;
+pub mod solve;

@@ -1,0 +1,304 @@
+//! `solve`: from a layout and its recording to a solved cell.
+
+use sha2::{Digest, Sha256};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use crate::complaint::{Complaint, InputError};
+use crate::frames::{FrameId, FrameTree, Pieces, pieces};
+use crate::geometry::Pose;
+use crate::initialise::initialise;
+use crate::layout::{Layout, LossSetting, Motion, read_layout};
+use crate::recording::Recording;
+use crate::solve::{Assembler, Loss, Normal, Options, Plan, PlanError, Priors, Report, State, minimise};
+use crate::trust::outliers::{Rejected, reject};
+use crate::trust::{Covariance, Residuals, Undetermined, covariance, explain, residuals};
+
+/// Passes of rejecting and solving again at most.
+const REJECTION_PASSES: usize = 3;
+
+/// What to solve from, besides the layout.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct SolveRequest {
+    /// Corners that take the place of the layout's own.
+    pub detections: Option<PathBuf>,
+    /// A layout or solution whose poses are the start.
+    pub start: Option<PathBuf>,
+}
+
+/// Wall time of the stages, seconds.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct StageSeconds {
+    /// Reading and compiling files.
+    pub read: f64,
+    /// Finding a start.
+    pub initialise: f64,
+    /// Linearising.
+    pub linearise: f64,
+    /// Factorising.
+    pub factorise: f64,
+    /// Trial costs.
+    pub evaluate: f64,
+    /// Covariance and observability.
+    pub covariance: f64,
+    /// Everything.
+    pub total: f64,
+}
+
+/// A solved cell.
+#[derive(Debug)]
+pub struct Solved {
+    /// The layout it came from.
+    pub layout: Layout,
+    /// Its frames.
+    pub tree: FrameTree,
+    /// The compiled measurements, rejected ones marked.
+    pub plan: Plan,
+    /// The values found.
+    pub state: State,
+    /// How the search went; costs of its last pass, iterations of all.
+    pub report: Report,
+    /// What is left of the measurements.
+    pub residuals: Residuals,
+    /// How certain the unknowns are.
+    pub covariance: Covariance,
+    /// What could not be determined.
+    pub undetermined: Vec<Undetermined>,
+    /// What was set aside.
+    pub rejected: Rejected,
+    /// Frames with something to find that no measurement mentions.
+    pub unseen: Vec<FrameId>,
+    /// For each moving edge, the configurations at which it was found.
+    pub moved: Vec<Vec<usize>>,
+    /// Scalar measurements and priors used.
+    pub observations: usize,
+    /// Scalar unknowns, moving targets included.
+    pub unknowns: usize,
+    /// Input files and their SHA-256.
+    pub inputs: Vec<(String, String)>,
+    /// Where the time went.
+    pub seconds: StageSeconds,
+}
+
+impl Solved {
+    /// Whether the answer can be used without a second look: converged, and every direction determined.
+    #[must_use]
+    pub fn trustworthy(&self) -> bool {
+        self.report.termination.converged() && self.undetermined.is_empty()
+    }
+
+    /// `world_from_frame` for a frame that stands still.
+    #[must_use]
+    pub fn world_from(&self, frame: &str) -> Option<Pose> {
+        let id = self.tree.frames.iter().position(|known| known.name == frame)?;
+        let path = self.tree.path(0, id);
+        path.steps.iter().try_fold(Pose::identity(), |pose, step| match *step {
+            crate::frames::Step::Static { edge, inverse } => {
+                let value = self.state.static_poses[edge];
+                Some(pose * if inverse { value.inverse() } else { value })
+            }
+            _ => None,
+        })
+    }
+
+    /// `parent_from_child` by its key.
+    #[must_use]
+    pub fn pose(&self, key: &str) -> Option<Pose> {
+        let edge = self.tree.static_edges.iter().position(|edge| edge.key == key)?;
+        Some(self.state.static_poses[edge])
+    }
+}
+
+/// Solves the cell of a layout.
+///
+/// # Errors
+/// Input that cannot be used: faults of the recording, a cell in pieces, nothing to start from.
+pub fn solve(layout: Layout, request: &SolveRequest) -> Result<Solved, InputError> {
+    let began = Instant::now();
+    let recording = Recording::read(&layout, request.detections.as_deref())?;
+    let start = match &request.start {
+        Some(file) => start_poses(file)?,
+        None => Vec::new(),
+    };
+    let inputs = hashes(&layout, &recording)?;
+    solve_recording(layout, &recording, &start, inputs, began)
+}
+
+/// As [`solve`], from a recording that is in memory already.
+///
+/// # Errors
+/// As [`solve`].
+pub fn solve_recording(
+    layout: Layout,
+    recording: &Recording,
+    start: &[(String, Pose)],
+    inputs: Vec<(String, String)>,
+    began: Instant,
+) -> Result<Solved, InputError> {
+    let tree = FrameTree::new(&layout);
+    let mut plan = Plan::new(&layout, &tree, recording).map_err(|error| no_motion(&layout, &error))?;
+    let Pieces { floating, unseen } = pieces(&tree, plan.groups.iter().map(|group| &group.path));
+    if !floating.is_empty() {
+        return Err(in_pieces(&layout, &tree, &floating).into());
+    }
+    let mut seconds = StageSeconds { read: began.elapsed().as_secs_f64(), ..StageSeconds::default() };
+    let clock = Instant::now();
+    let mut state = initialise(&layout, &tree, recording, &mut plan, start).map_err(|error| {
+        Complaint::of(
+            &layout.file,
+            error.to_string(),
+            "no picture shows enough of it, or too many unknown poses meet in one loop: give it `pose: {..., start: true}`",
+        )
+    })?;
+    seconds.initialise = clock.elapsed().as_secs_f64();
+    let priors = Priors::new(&tree, &plan.unknowns);
+    let prior_count = priors.scalar_count();
+    let beginning = state.clone();
+    let mut rejected = Rejected::default();
+    let mut iterations = 0;
+    let mut run = |assembler: &mut Assembler<'_>, state: &mut State, options: &Options| {
+        let report = minimise(assembler, &tree, state, options);
+        seconds.linearise += report.seconds.linearise;
+        seconds.factorise += report.seconds.factorise;
+        seconds.evaluate += report.seconds.evaluate;
+        iterations += report.iterations;
+        report
+    };
+    let robust = layout.solve.loss != LossSetting::Squared;
+    if robust {
+        robust_search(&layout, &tree, recording, &mut plan, &priors, &mut state, &mut rejected, &mut run);
+    }
+    let mut assembler = Assembler::new(&layout, recording, &plan, priors.clone());
+    assembler.set_loss(Loss::Squared);
+    let mut report = run(&mut assembler, &mut state, &Options::default());
+    report.initial_cost = assembler.cost(&beginning);
+    report.iterations = iterations;
+    let poses = assembler.block_poses(&state);
+    let residuals = residuals(&layout, &plan, &state, &poses, Loss::Squared);
+    let clock = Instant::now();
+    let mut normal = Normal::default();
+    assembler.linearise(&state, &mut normal);
+    let moved = assembler.moved();
+    let unknowns = plan.unknowns.count + 6 * moved.iter().map(Vec::len).sum::<usize>();
+    let observations = plan.scalar_count() + prior_count;
+    let freedom = observations.saturating_sub(unknowns);
+    let noise = if freedom == 0 { 1.0 } else { (residuals.weighted_sum / freedom as f64).sqrt() };
+    let information = assembler.information(&normal).unwrap_or_else(|| vec![0.0; plan.unknowns.count.pow(2)]);
+    drop(assembler);
+    let covariance = covariance(&plan, &information, noise);
+    let undetermined = explain(&layout, &tree, recording, &plan, &covariance, &unseen);
+    seconds.covariance = clock.elapsed().as_secs_f64();
+    seconds.total = began.elapsed().as_secs_f64();
+    Ok(Solved {
+        layout,
+        tree,
+        plan,
+        state,
+        report,
+        residuals,
+        covariance,
+        undetermined,
+        rejected,
+        unseen,
+        moved,
+        observations,
+        unknowns,
+        inputs,
+        seconds,
+    })
+}
+
+/// Minimises the robust cost and sets aside what does not belong, until nothing more is found.
+///
+/// What is accepted is then fitted by plain least squares ([`solve_recording`]): a robust loss is the way to find the crowd, but within
+/// the crowd least squares has the smaller variance (reweighted least squares; Rousseeuw and Leroy, *Robust Regression and Outlier Detection*, 1987).
+#[allow(clippy::too_many_arguments, reason = "the stages of one solve share all of it")]
+fn robust_search(
+    layout: &Layout,
+    tree: &FrameTree,
+    recording: &Recording,
+    plan: &mut Plan,
+    priors: &Priors,
+    state: &mut State,
+    rejected: &mut Rejected,
+    run: &mut impl FnMut(&mut Assembler<'_>, &mut State, &Options) -> Report,
+) {
+    let loss: Loss = layout.solve.loss.into();
+    // Only the accepted set is taken from here, so the last digits are left to the fit that follows.
+    let options = Options { decrease: 1e-6, step: 1e-3, ..Options::default() };
+    for pass in 0..=REJECTION_PASSES {
+        let mut assembler = Assembler::new(layout, recording, plan, priors.clone());
+        // A loss that forgets what is far away must not forget before the cell is nearly right.
+        if pass == 0
+            && let Loss::Cauchy(k) | Loss::Tukey(k) = loss
+        {
+            assembler.set_loss(Loss::Huber(k));
+            run(&mut assembler, state, &options);
+            assembler.set_loss(loss);
+        }
+        run(&mut assembler, state, &options);
+        let poses = assembler.block_poses(state);
+        let rest = residuals(layout, plan, state, &poses, loss);
+        let more = reject(plan, &rest);
+        rejected.add(more);
+        if more.total() == 0 {
+            break;
+        }
+    }
+}
+
+/// The poses of another layout, by key.
+fn start_poses(file: &Path) -> Result<Vec<(String, Pose)>, InputError> {
+    let layout = read_layout(file, None)?;
+    let tree = FrameTree::new(&layout);
+    Ok(tree.static_edges.iter().filter_map(|edge| Some((edge.key.clone(), edge.spec.pose()?))).collect())
+}
+
+/// A measurement at a configuration that the robot's file does not have.
+fn no_motion(layout: &Layout, error: &PlanError) -> Complaint {
+    let PlanError::NoMotion { robot, .. } = error;
+    let file = layout.robots.iter().find(|known| known.name == *robot).map(|robot| match &robot.motion {
+        Motion::Joints { file, .. } | Motion::FlangePoses { file } => layout.recording.join(file),
+    });
+    Complaint::of(
+        file.as_deref().unwrap_or(&layout.file),
+        error.to_string(),
+        "add the line, or remove the measurements of that configuration",
+    )
+}
+
+/// Which pieces the cell is in, and what would join them.
+fn in_pieces(layout: &Layout, tree: &FrameTree, floating: &[(FrameId, Vec<FrameId>)]) -> Complaint {
+    let name = |frame: FrameId| if frame == 0 { layout.world.clone() } else { tree.frames[frame].name.clone() };
+    let quoted = |frames: &[FrameId]| frames.iter().map(|f| format!("`{}`", name(*f))).collect::<Vec<_>>().join(", ");
+    let mut words = Vec::new();
+    let mut remedies = Vec::new();
+    for (body, frames) in floating {
+        words.push(format!("{} {} not tied to `{}`", quoted(frames), if frames.len() == 1 { "is" } else { "are" }, name(*body)));
+        let first = name(frames[0]);
+        let camera = frames.iter().find(|frame| tree.cameras.contains(frame));
+        let helper = match camera {
+            Some(camera) => format!("let `{}` see something that is tied to `{}`", name(*camera), name(*body)),
+            None => format!("let something that is tied to `{}` see `{first}`", name(*body)),
+        };
+        remedies.push(format!("{helper}, or give `{first}` a pose"));
+    }
+    let pieces = floating.len() + 1;
+    let count = if pieces == 2 { "two".to_owned() } else { pieces.to_string() };
+    Complaint::of(&layout.file, format!("the cell is in {count} pieces: {}", words.join("; ")), remedies.join("; "))
+}
+
+/// SHA-256 of the layout and of every file of the recording.
+fn hashes(layout: &Layout, recording: &Recording) -> Result<Vec<(String, String)>, InputError> {
+    let mut all = Vec::new();
+    for path in std::iter::once(&layout.file).chain(&recording.files) {
+        let bytes = std::fs::read(path).map_err(|e| {
+            Complaint::of(path, format!("the file cannot be read: {}", crate::layout::plain(&e)), "check the path")
+        })?;
+        let digest = Sha256::digest(&bytes);
+        let hex: String = digest.iter().map(|byte| format!("{byte:02x}")).collect();
+        let name = path.strip_prefix(&layout.recording).unwrap_or(path);
+        all.push((name.display().to_string(), hex));
+    }
+    Ok(all)
+}
