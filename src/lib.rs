@@ -9,6 +9,7 @@ pub mod initialise;
 pub mod layout;
 pub mod recording;
 pub mod robot;
+pub mod simulate;
 pub mod solve;
 pub mod trust;
 pub mod workflow;

@@ -56,8 +56,10 @@ impl Detect {
 pub(super) fn default_detector(layout: &std::path::Path) -> Result<Box<dyn Detector>, InputError> {
     #[cfg(feature = "opencv")]
     {
-        let _ = layout;
-        Ok(Box::new(cellmap::detect::opencv::OpenCv::new()))
+        let detector = cellmap::detect::opencv::OpenCvDetector::new().map_err(|error| {
+            cellmap::complaint::Complaint::of(layout, error.to_string(), "check the system's OpenCV")
+        })?;
+        Ok(Box::new(detector))
     }
     #[cfg(not(feature = "opencv"))]
     {
@@ -67,6 +69,21 @@ pub(super) fn default_detector(layout: &std::path::Path) -> Result<Box<dyn Detec
             "build it with `--features opencv`, or give corners in `observations`",
         )
         .into())
+    }
+}
+
+/// The cells of a tag row by row, border included: whether each is white.
+///
+/// # Errors
+/// When this build has no dictionaries to draw from.
+pub(super) fn tag_cells(dictionary: cellmap::geometry::dictionary::Dictionary, id: u32) -> Result<Vec<bool>, String> {
+    #[cfg(feature = "opencv")]
+    {
+        cellmap::detect::tag_cells::tag_cells(dictionary, id).map_err(|error| error.to_string())
+    }
+    #[cfg(not(feature = "opencv"))]
+    {
+        Err(format!("this build of cellmap cannot draw tag {id} of {dictionary}"))
     }
 }
 

@@ -12,11 +12,11 @@
 //! Frame and numbering are those of OpenCV from 4.7 on: corner = row * (columns - 1) + column, from the
 //! top-left, whichever way the board was printed.
 
-use super::checkerboard::PlaneMap;
+use super::Lens;
 use super::edge_lines::{Refinement, refine_quad};
 use super::picture::GreyPicture;
+use super::plane_map::PlaneMap;
 use super::saddle::{RoughCorner, refine_saddle};
-use super::Lens;
 
 /// A board's measures; `marker` and `square` are edges in any one unit.
 #[derive(Debug, Clone, Copy)]

@@ -9,7 +9,9 @@
 //! * [`picture`]: reads files into [`GreyPicture`]s, suspicious of sizes.
 //! * [`edge_lines`]: a tag's corners, from straight lines fitted to its border's edges.
 //! * [`saddle`]: a board's corners, from the crossing of two edges.
+//! * [`charuco`]: a ChArUco board's corners, from the tags on it.
 //! * [`checkerboard`]: which corner of a checkerboard is the first, and whether that can be known.
+//! * `tag_cells` (feature `opencv`): what a tag looks like in print.
 //! * `opencv` (feature `opencv`): the finder, built on the system's OpenCV.
 //!
 //! **Pixels**: the centre of the top-left pixel is (0, 0). **Corners of a tag** are 0 top-left,
@@ -17,12 +19,16 @@
 
 pub mod charuco;
 pub mod checkerboard;
+mod edge_fit;
 pub mod edge_lines;
 mod edge_side;
 #[cfg(feature = "opencv")]
 pub mod opencv;
 pub mod picture;
+mod plane_map;
 pub mod saddle;
+#[cfg(feature = "opencv")]
+pub mod tag_cells;
 
 use thiserror::Error;
 

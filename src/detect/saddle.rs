@@ -6,23 +6,23 @@
 //! fitted as what it is,
 //!
 //! ```text
-//! value = middle + contrast * E(distance to edge 1 / blur) * E(distance to edge 2 / blur),   E = 2 Phi - 1
+//! value = light * (middle + contrast * E(distance to edge 1 / blur) * E(distance to edge 2 / blur)),   E = 2 Phi - 1
 //! ```
 //!
-//! with the place, the two directions, the blur, middle and contrast free: least squares on the pixels
+//! with the place, the two directions, the blur, middle, contrast and the slope of the light free: least squares on the pixels
 //! themselves. The residual then gives an honest covariance, and a place that is no such corner
 //! gives a residual that says so.
 
 use nalgebra::{SMatrix, SVector};
 
 use super::edge_lines::{LARGEST_DEVIATION, Refinement, Weakness};
-use super::edge_side::normal;
+use super::edge_fit::normal;
 use super::picture::GreyPicture;
 
-/// Unknowns: x, y, direction 1, direction 2, ln blur, middle, contrast.
-const UNKNOWNS: usize = 7;
+/// Unknowns: x, y, direction 1, direction 2, ln blur, middle, contrast, and the light's relative slopes along x and y.
+const UNKNOWNS: usize = 9;
 /// Pixels farther from the corner than this, along either axis, are not used.
-const FARTHEST: f64 = 6.0;
+const FARTHEST: f64 = 9.0;
 /// Half the difference of white and black, in grey levels, below which there is no corner.
 const MINIMUM_CONTRAST: f64 = 5.0;
 /// Error in px that the residual cannot show.
@@ -43,7 +43,7 @@ pub struct RoughCorner {
     pub black_ahead: Option<bool>,
 }
 
-/// Measures one inner corner of a board; see the module's head. About 20 microseconds.
+/// Measures one inner corner of a board; see the module's head. About 0.1 ms.
 #[must_use]
 pub fn refine_saddle(picture: &GreyPicture, rough: &RoughCorner) -> Refinement {
     match fit(picture, rough) {
@@ -56,7 +56,7 @@ fn fit(picture: &GreyPicture, rough: &RoughCorner) -> Result<([f64; 2], [f64; 3]
     let [along, across] = rough.square;
     let sine = (along[0] * across[1] - along[1] * across[0]) / (along[0].hypot(along[1]) * across[0].hypot(across[1]));
     // A board seen so flat that its edges nearly coincide has no corners to speak of.
-    if !(sine.abs() > 0.08) {
+    if sine.is_nan() || sine.abs() <= 0.08 {
         return Err(Weakness::NotAQuadrangle);
     }
     let start = SVector::<f64, UNKNOWNS>::from([
@@ -65,6 +65,8 @@ fn fit(picture: &GreyPicture, rough: &RoughCorner) -> Result<([f64; 2], [f64; 3]
         along[1].atan2(along[0]),
         across[1].atan2(across[0]),
         0.9_f64.ln(),
+        0.0,
+        0.0,
         0.0,
         0.0,
     ]);
@@ -93,13 +95,42 @@ fn fit(picture: &GreyPicture, rough: &RoughCorner) -> Result<([f64; 2], [f64; 3]
     if (found[0] - rough.pixel[0]).hypot(found[1] - rough.pixel[1]) > reach {
         return Err(Weakness::MovedTooFar);
     }
-    let inverse = information.cholesky().ok_or(Weakness::TooUncertain)?.inverse() * noise.max(1.0 / 12.0);
+    let inverse = information.cholesky().ok_or(Weakness::TooUncertain)?.inverse() * (noise.max(1.0 / 12.0) * redundancy(&samples, &found));
     let covariance = [inverse[(0, 0)] + FLOOR.powi(2), inverse[(0, 1)], inverse[(1, 1)] + FLOOR.powi(2)];
     let worst = (covariance[0] + covariance[2]) / 2.0 + ((covariance[0] - covariance[2]) / 2.0).hypot(covariance[1]);
-    if !(worst <= LARGEST_DEVIATION.powi(2)) {
+    if worst.is_nan() || worst > LARGEST_DEVIATION.powi(2) {
         return Err(Weakness::TooUncertain);
     }
     Ok(([found[0], found[1]], covariance))
+}
+
+/// How many residuals of this picture say what one independent residual would, at least 1.
+///
+/// On real prints and in JPEG files neighbouring residuals are alike, and counting them as so many separate
+/// facts would promise a precision that is not there. If each is `rho` times the one beside it, in both
+/// directions, then ((1 + rho) / (1 - rho))^2 of them make one.
+fn redundancy(samples: &[[f64; 3]], unknowns: &SVector<f64, UNKNOWNS>) -> f64 {
+    let residuals: Vec<f64> = samples.iter().map(|sample| sample[2] - value(unknowns, sample)).collect();
+    let (mut squares, mut products, mut pairs) = (0.0, 0.0, 0.0);
+    for ((this, next), (a, b)) in samples.iter().zip(samples.iter().skip(1)).zip(residuals.iter().zip(residuals.iter().skip(1))) {
+        // Samples run along rows of the picture: the next one is mostly the pixel beside.
+        if this[1] == next[1] && next[0] - this[0] == 1.0 {
+            squares += 0.5 * (a * a + b * b);
+            products += a * b;
+            pairs += 1.0;
+        }
+    }
+    if pairs < 8.0 || squares <= 0.0 {
+        return 1.0;
+    }
+    let rho = (products / squares).clamp(0.0, 0.6);
+    ((1.0 + rho) / (1.0 - rho)).powi(2)
+}
+
+/// The model's grey value at a sample.
+fn value(unknowns: &SVector<f64, UNKNOWNS>, sample: &[f64; 3]) -> f64 {
+    let light = 1.0 + unknowns[7] * (sample[0] - unknowns[0]) + unknowns[8] * (sample[1] - unknowns[1]);
+    light * (unknowns[5] + unknowns[6] * product(unknowns, sample))
 }
 
 /// The pixels around a corner that lie in the four squares that meet there and, on a ChArUco board,
@@ -214,18 +245,23 @@ fn normal_equations(samples: &[[f64; 3]], unknowns: &SVector<f64, UNKNOWNS>) -> 
         let (phi1, density1) = normal(d1 / blur);
         let (phi2, density2) = normal(d2 / blur);
         let (e1, e2) = (2.0 * phi1 - 1.0, 2.0 * phi2 - 1.0);
+        let board = unknowns[5] + contrast * e1 * e2;
+        let light = 1.0 + unknowns[7] * delta[0] + unknowns[8] * delta[1];
         // Derivatives by the two distances.
+        let contrast = contrast * light;
         let (g1, g2) = (contrast * 2.0 * density1 / blur * e2, contrast * 2.0 * density2 / blur * e1);
         let row = SVector::<f64, UNKNOWNS>::from([
-            g1 * sin1 + g2 * sin2,
-            -g1 * cos1 - g2 * cos2,
+            g1 * sin1 + g2 * sin2 - unknowns[7] * board,
+            -g1 * cos1 - g2 * cos2 - unknowns[8] * board,
             -g1 * a1,
             -g2 * a2,
             -g1 * d1 - g2 * d2,
-            1.0,
-            e1 * e2,
+            light,
+            light * e1 * e2,
+            delta[0] * board,
+            delta[1] * board,
         ]);
-        let residual = value - unknowns[5] - contrast * e1 * e2;
+        let residual = value - light * board;
         // The lower triangle is all that Cholesky reads.
         for column in 0..UNKNOWNS {
             for line in column..UNKNOWNS {

@@ -10,7 +10,7 @@ use super::register::{RobotPoint, register_robot, rigid_fit, triangulate};
 use crate::frames::{FrameId, FrameTree, Freedom, Path, Step};
 use crate::geometry::{Intrinsics, Pose};
 use crate::layout::{Layout, Motion};
-use crate::recording::{Recording, RobotMotion};
+use crate::recording::Recording;
 use crate::robot::PARAMETERS_PER_LINK;
 use crate::solve::{GroupKind, Plan, State};
 
@@ -207,14 +207,7 @@ impl Growth<'_> {
             Step::Moving { edge, inverse } => (self.state.moving_poses[edge][configuration], inverse),
             Step::Robot { robot, from, to, inverse } => {
                 let id = self.plan.configurations[configuration];
-                let pose = match (&self.recording.motions[robot], &self.layout.robots[robot].motion) {
-                    (RobotMotion::Joints(values), Motion::Joints { chain, .. }) => {
-                        values.get(&id).map_or_else(Pose::identity, |joints| chain.segment(joints, &[], from, to))
-                    }
-                    (RobotMotion::Flange(poses), _) => poses.get(&id).copied().unwrap_or_default(),
-                    _ => Pose::identity(),
-                };
-                (pose, inverse)
+                (self.recording.robot_segment(self.layout, robot, id, from, to).unwrap_or_default(), inverse)
             }
         };
         if inverse { pose.inverse() } else { pose }

@@ -159,6 +159,26 @@ impl Recording {
         Ok(recording)
     }
 
+    /// What lies between two places of a robot's chain at a configuration (`from < to`, see [`crate::robot::Chain::flange_place`]), with nominal
+    /// links; `None` where the robot was not recorded. A robot known by flange poses has the places 0 and 1 only.
+    #[must_use]
+    pub fn robot_segment(&self, layout: &Layout, robot: usize, configuration: u64, from: usize, to: usize) -> Option<Pose> {
+        match (self.motions.get(robot)?, &layout.robots[robot].motion) {
+            (RobotMotion::Joints(values), Motion::Joints { chain, .. }) => {
+                values.get(&configuration).map(|joints| chain.segment(joints, &[], from, to))
+            }
+            (RobotMotion::Flange(poses), _) => poses.get(&configuration).copied(),
+            (RobotMotion::Joints(_), Motion::FlangePoses { .. }) => None,
+        }
+    }
+
+    /// `base_from_flange` of a robot at a configuration, with nominal links.
+    #[must_use]
+    pub fn base_from_flange(&self, layout: &Layout, robot: usize, configuration: u64) -> Option<Pose> {
+        let places = layout.robots[robot].frames().len() - 1;
+        self.robot_segment(layout, robot, configuration, 0, places)
+    }
+
     fn note(&mut self, path: PathBuf) {
         if !self.files.contains(&path) {
             self.files.push(path);

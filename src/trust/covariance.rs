@@ -27,8 +27,8 @@ pub struct Covariance {
     units: Vec<f64>,
 }
 
-/// The covariance from the reduced information matrix (row-major, natural units), scaled by the fitted `noise`. Directions are judged by the layout's own
-/// noise, so that perfect data does not hide an open one.
+/// The covariance from the reduced information matrix (row-major, natural units), scaled by the fitted `noise`. Directions are judged by the fitted noise
+/// or the layout's own, whichever is larger, so that perfect data does not hide an open one.
 #[must_use]
 pub fn covariance(plan: &Plan, information: &[f64], noise: f64) -> Covariance {
     let n = plan.unknowns.count;
@@ -49,7 +49,7 @@ pub fn covariance(plan: &Plan, information: &[f64], noise: f64) -> Covariance {
         let vector = eigen.eigenvectors.column(index);
         // Below this, rounding alone could have made the eigenvalue.
         let nothing = value <= 1e-14 * largest;
-        let sigma = if nothing { f64::INFINITY } else { 1.0 / value.sqrt() };
+        let sigma = if nothing { f64::INFINITY } else { noise.max(1.0) / value.sqrt() };
         if sigma > UNDETERMINED {
             result.open.push(vector.iter().copied().collect());
             result.open_sigma.push(sigma);

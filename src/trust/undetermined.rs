@@ -1,12 +1,14 @@
 //! Undetermined directions in words: what moves against what, why, and what would help.
 
-use crate::frames::{Edge, FrameTree, Freedom, Step};
-use crate::geometry::rotation;
-use crate::layout::{Layout, Motion};
-use crate::recording::{Recording, RobotMotion};
+use nalgebra::{Matrix3, Vector3};
+use std::collections::BTreeSet;
+
+use crate::frames::{Edge, FrameTree, Step};
+use crate::geometry::{Pose, rotation};
+use crate::layout::Layout;
+use crate::recording::Recording;
 use crate::robot::{PARAMETERS_PER_LINK, ParameterKind};
 use crate::solve::{Plan, Unknown, UnknownKind};
-use nalgebra::{Matrix3, Vector3};
 
 use super::covariance::Covariance;
 
@@ -59,8 +61,8 @@ pub fn explain(
             .collect();
         shares.sort_by(|a, b| b.0.total_cmp(&a.0));
         let named: Vec<&Unknown> = shares.iter().filter(|(share, _)| *share > NAMED).map(|(_, block)| *block).collect();
-        let parts: Vec<String> = named.iter().map(|block| describe(layout, tree, block, direction)).collect();
-        let (why, remedy) = cause(layout, tree, recording, plan, &named);
+        let parts: Vec<String> = named.iter().map(|block| describe(layout, block, direction)).collect();
+        let (why, remedy) = cause(layout, recording, plan, &named);
         all.push(Undetermined {
             blocks: named.iter().map(|block| block.name.clone()).collect(),
             sigma: sigma.is_finite().then_some(*sigma),
@@ -72,14 +74,13 @@ pub fn explain(
 }
 
 /// `world_from_cam (x, turn about z)`: the components of a block that a direction moves.
-fn describe(layout: &Layout, tree: &FrameTree, block: &Unknown, direction: &[f64]) -> String {
+fn describe(layout: &Layout, block: &Unknown, direction: &[f64]) -> String {
     let part = &direction[block.start..block.start + block.count()];
     let largest = part.iter().map(|x| x.abs()).fold(0.0, f64::max);
     let strong: Vec<usize> = (0..part.len()).filter(|i| part[*i].abs() > 0.3 * largest).collect();
     let names: Vec<String> = match &block.kind {
-        UnknownKind::Edge(edge) => {
+        UnknownKind::Edge(_) => {
             let axes = ["x", "y", "z", "turn about x", "turn about y", "turn about z"];
-            let _ = tree.static_edges[*edge].freedom == Freedom::Translation;
             strong.iter().map(|i| axes[*i].to_owned()).collect()
         }
         UnknownKind::Links { places, .. } => strong
@@ -99,7 +100,7 @@ fn describe(layout: &Layout, tree: &FrameTree, block: &Unknown, direction: &[f64
 }
 
 /// Why the named blocks cannot be told apart: what the robots between them did.
-fn cause(layout: &Layout, tree: &FrameTree, recording: &Recording, plan: &Plan, named: &[&Unknown]) -> (String, String) {
+fn cause(layout: &Layout, recording: &Recording, plan: &Plan, named: &[&Unknown]) -> (String, String) {
     if named.iter().any(|block| matches!(block.kind, UnknownKind::Links { .. })) {
         return (
             "link parameters act like each other or like the poses beside them".to_owned(),
@@ -116,14 +117,21 @@ fn cause(layout: &Layout, tree: &FrameTree, recording: &Recording, plan: &Plan, 
             walks && touches
         })
     };
-    for robot in (0..layout.robots.len()).filter(|&robot| involved(robot)) {
-        let name = &layout.robots[robot].name;
-        let turns = flange_turns(layout, recording, plan, robot);
+    let motions: Vec<(&str, Vec<Pose>)> = (0..layout.robots.len())
+        .filter(|&robot| involved(robot))
+        .map(|robot| (layout.robots[robot].name.as_str(), flange_poses(layout, recording, plan, robot)))
+        .collect();
+    // A robot that stands still (a torso that is parked) explains nothing while another moves.
+    let moves = |poses: &[Pose]| poses.iter().any(|pose| (poses[0].inverse() * *pose).magnitude() > (1e-3, TURN));
+    let any_moves = motions.iter().any(|(_, poses)| moves(poses));
+    for (name, poses) in motions.iter().filter(|(_, poses)| !any_moves || moves(poses)) {
         let more = format!("turn `{name}` about at least two different axes by 30 degrees or more between configurations");
-        if turns.len() < 3 {
-            let why = format!("`{name}` stood in only {} configuration{}", turns.len(), if turns.len() == 1 { "" } else { "s" });
+        if poses.len() < 3 {
+            let plural = if poses.len() == 1 { "" } else { "s" };
+            let why = format!("`{name}` was measured in only {} configuration{plural}", poses.len());
             return (why, format!("record at least 3, better 15, configurations; {more}"));
         }
+        let turns = turns(poses);
         let scatter: Matrix3<f64> = turns.iter().map(|v| v * v.transpose()).sum::<Matrix3<f64>>() / turns.len() as f64;
         let mut spread: Vec<f64> = scatter.symmetric_eigenvalues().iter().map(|x| x.max(0.0).sqrt()).collect();
         spread.sort_by(|a, b| b.total_cmp(a));
@@ -134,33 +142,23 @@ fn cause(layout: &Layout, tree: &FrameTree, recording: &Recording, plan: &Plan, 
             return (format!("all motions of `{name}` turn about one axis"), more);
         }
     }
-    let _ = tree;
     (
         "the measurements act on their sum only".to_owned(),
         "add configurations that are more different, another camera or target, or a prior (`sigma`) on one of them".to_owned(),
     )
 }
 
-/// Rotation vectors of a robot's flange against its mean orientation, over the configurations with measurements across it.
-fn flange_turns(layout: &Layout, recording: &Recording, plan: &Plan, robot: usize) -> Vec<Vector3<f64>> {
-    let mut used: Vec<u64> = plan
-        .groups
-        .iter()
-        .filter(|group| group.path.robots().any(|r| r == robot))
-        .flat_map(|group| group.blocks.iter().map(|block| plan.configurations[block.configuration]))
-        .collect();
-    used.sort_unstable();
-    used.dedup();
-    let flange = |configuration: &u64| match (&recording.motions[robot], &layout.robots[robot].motion) {
-        (RobotMotion::Joints(values), Motion::Joints { chain, .. }) => {
-            values.get(configuration).map(|joints| chain.base_from_flange(joints).rotation)
-        }
-        (RobotMotion::Flange(poses), _) => poses.get(configuration).map(|pose| pose.rotation),
-        _ => None,
-    };
-    let rotations: Vec<_> = used.iter().filter_map(flange).collect();
-    let Some(first) = rotations.first() else { return Vec::new() };
-    let mean = rotations.iter().map(|r| rotation::log(&(first.inverse() * r))).sum::<Vector3<f64>>() / rotations.len() as f64;
+/// `base_from_flange` at every configuration with measurements across the robot.
+fn flange_poses(layout: &Layout, recording: &Recording, plan: &Plan, robot: usize) -> Vec<Pose> {
+    let groups = plan.groups.iter().filter(|group| group.path.robots().any(|r| r == robot));
+    let used: BTreeSet<usize> = groups.flat_map(|group| group.blocks.iter().map(|block| block.configuration)).collect();
+    used.into_iter().filter_map(|c| recording.base_from_flange(layout, robot, plan.configurations[c])).collect()
+}
+
+/// Rotation vectors against the mean orientation.
+fn turns(poses: &[Pose]) -> Vec<Vector3<f64>> {
+    let Some(first) = poses.first().map(|pose| pose.rotation) else { return Vec::new() };
+    let mean = poses.iter().map(|pose| rotation::log(&(first.inverse() * pose.rotation))).sum::<Vector3<f64>>() / poses.len() as f64;
     let middle = first * rotation::exp(&mean);
-    rotations.iter().map(|r| rotation::log(&(middle.inverse() * r))).collect()
+    poses.iter().map(|pose| rotation::log(&(middle.inverse() * pose.rotation))).collect()
 }

@@ -4,8 +4,8 @@ use crate::complaint::{Complaint, InputError, list, nearest};
 use crate::frames::{FrameTree, Step};
 use crate::geometry::{Feature, Pose, TargetGeometry};
 use crate::identify::{FreeIdentification, RigidIdentification, Sample, free, rigid};
-use crate::layout::{Layout, Motion};
-use crate::recording::{Recording, RobotMotion};
+use crate::layout::Layout;
+use crate::recording::Recording;
 
 /// What to identify.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -77,7 +77,7 @@ pub fn identify(layout: &Layout, request: &IdentifyRequest) -> Result<Identified
                 "the published method measures in the world: name the sensor as the `world`, or give its pose",
             )
         })?;
-        let base_from_flange = flange_pose(layout, &recording, robot, row.configuration).ok_or_else(|| {
+        let base_from_flange = recording.base_from_flange(layout, robot, row.configuration).ok_or_else(|| {
             Complaint::of(
                 &layout.file,
                 format!("configuration {} has a measured point but no joint values of `{}`", row.configuration, layout.robots[robot].name),
@@ -135,14 +135,4 @@ fn fixed_pose(tree: &FrameTree, frame: usize) -> Option<Pose> {
         }
         _ => None,
     })
-}
-
-fn flange_pose(layout: &Layout, recording: &Recording, robot: usize, configuration: u64) -> Option<Pose> {
-    match (&recording.motions[robot], &layout.robots[robot].motion) {
-        (RobotMotion::Joints(values), Motion::Joints { chain, .. }) => {
-            values.get(&configuration).map(|joints| chain.base_from_flange(joints))
-        }
-        (RobotMotion::Flange(poses), _) => poses.get(&configuration).copied(),
-        _ => None,
-    }
 }

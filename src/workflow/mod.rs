@@ -4,6 +4,7 @@
 
 pub mod check;
 pub mod compare;
+pub mod demo;
 pub mod detect;
 pub mod identify;
 pub mod solve;

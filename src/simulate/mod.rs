@@ -1,0 +1,12 @@
+//! Recordings with known truth: a layout whose poses are all known becomes corners and pictures.
+//!
+//! Nothing here is used to solve; it exists so that every claim about accuracy can be checked, and so that a newcomer has something to run.
+
+mod cell;
+mod corners;
+pub mod demo;
+mod picture;
+
+pub use cell::Cell;
+pub use corners::{CornerNoise, corners};
+pub use picture::{Plate, PictureNoise, plates, render};
