@@ -25,7 +25,11 @@ impl Compare {
     pub(super) fn run(self) -> Result<ExitCode, InputError> {
         let (first, second) = (read_layout(&self.first, None)?, read_layout(&self.second, None)?);
         let comparison = compare(&first, &second)?;
-        if self.json { print_json(&as_json(&comparison)) } else { show(&comparison) }
+        if self.json {
+            print_json(&as_json(&comparison))
+        } else {
+            show(&comparison)
+        }
         Ok(ExitCode::SUCCESS)
     }
 }

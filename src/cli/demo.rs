@@ -34,13 +34,19 @@ impl Demo {
         let detected = |done: usize, all: usize| move_to(&detecting, done, all);
         let watch = Watch { progress: &detected, stop: stop_requested() };
         if !self.json {
-            println!("A made-up cell: a robot with a cube of tags, a tagged table, a pallet, two cameras on tripods, one on the wrist.");
+            println!(
+                "A made-up cell: a robot with a cube of tags, a tagged table, a pallet, two cameras on tripods, one on the wrist."
+            );
             println!("Rendering its pictures, then forgetting where everything is and finding it again...");
         }
         let shown = demonstrate(&self.out, detector.as_ref(), &super::detect::tag_cells, &rendered, &watch)?;
         drawing.finish_and_clear();
         detecting.finish_and_clear();
-        if self.json { print_json(&as_json(&shown)) } else { show(&shown, &self.out) }
+        if self.json {
+            print_json(&as_json(&shown))
+        } else {
+            show(&shown, &self.out)
+        }
         Ok(if shown.solved.trustworthy() { ExitCode::SUCCESS } else { ExitCode::from(NOT_TRUSTWORTHY) })
     }
 }
@@ -70,6 +76,9 @@ fn show(shown: &Demonstrated, out: &std::path::Path) {
     }
     super::compare::show(&shown.comparison);
     println!();
-    println!("Files are in {0}/: layout.yaml (what was known), truth.yaml, images/, detections.csv, solution.yaml.", out.display());
+    println!(
+        "Files are in {0}/: layout.yaml (what was known), truth.yaml, images/, detections.csv, solution.yaml.",
+        out.display()
+    );
     println!("Try: cellmap check {0}/layout.yaml, then cellmap solve {0}/layout.yaml", out.display());
 }

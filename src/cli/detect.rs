@@ -44,7 +44,11 @@ impl Detect {
             eprintln!("stopped after {} pictures; run the same command again to go on from there", found.pictures);
             return Ok(ExitCode::from(130));
         }
-        if self.common.json { print_json(&as_json(&found)) } else { show(&found, &out) }
+        if self.common.json {
+            print_json(&as_json(&found))
+        } else {
+            show(&found, &out)
+        }
         Ok(ExitCode::SUCCESS)
     }
 }

@@ -44,7 +44,11 @@ impl Identify {
         let layout = self.common.read()?;
         let request = IdentifyRequest { robot: self.robot, point: self.point, sensors: self.sensors };
         let found = identify(&layout, &request)?;
-        if self.common.json { print_json(&as_json(&found)) } else { show(&found) }
+        if self.common.json {
+            print_json(&as_json(&found))
+        } else {
+            show(&found)
+        }
         let fine = found.free.converged && found.free.condition < 1e12;
         Ok(if fine { ExitCode::SUCCESS } else { ExitCode::from(NOT_TRUSTWORTHY) })
     }

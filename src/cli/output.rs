@@ -77,7 +77,8 @@ pub(super) fn print_table(header: &[&str], rows: &[Vec<String>]) {
 
 /// A progress bar on stderr with the time left; silent unless stderr is a terminal.
 pub(super) fn progress_bar(what: &str) -> ProgressBar {
-    let target = if std::io::stderr().is_terminal() { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
+    let target =
+        if std::io::stderr().is_terminal() { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
     let bar = ProgressBar::with_draw_target(None, target);
     if let Ok(style) = ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len} {per_sec} {eta} left") {
         bar.set_style(style);

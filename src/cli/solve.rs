@@ -93,7 +93,11 @@ fn show(solved: &Solved) {
             continue;
         }
         rows.push(vec![key, numbers(&pose, "xyz_mm", 2), numbers(&pose, "rotvec_deg", 3)]);
-        rows.push(vec!["  1 sigma".to_owned(), numbers(&pose, "sigma_xyz_mm", 2), numbers(&pose, "sigma_rotvec_deg", 3)]);
+        rows.push(vec![
+            "  1 sigma".to_owned(),
+            numbers(&pose, "sigma_xyz_mm", 2),
+            numbers(&pose, "sigma_rotvec_deg", 3),
+        ]);
     }
     print_table(&["pose", "x y z, mm", "rotation vector, deg"], &rows);
     println!();
@@ -103,7 +107,9 @@ fn show(solved: &Solved) {
             .iter()
             .map(|(key, value)| match value {
                 Document::Map(inner) => match (inner.first(), inner.get(1)) {
-                    (Some((_, Document::Number(v))), Some((_, Document::Number(s)))) => format!("{key} {v:.5} +- {s:.5}"),
+                    (Some((_, Document::Number(v))), Some((_, Document::Number(s)))) => {
+                        format!("{key} {v:.5} +- {s:.5}")
+                    }
                     (Some((_, Document::Number(v))), _) => format!("{key} {v:.5} (undetermined)"),
                     _ => String::new(),
                 },
@@ -121,7 +127,12 @@ fn show(solved: &Solved) {
         println!("residual: {rms:.3} px a coordinate over {} corners", r.corners.iter().flatten().count());
     }
     if let Some([t, a]) = r.rms_poses() {
-        println!("residual: {:.3} mm and {:.3} deg over {} measured poses", t * 1e3, a.to_degrees(), r.poses.iter().flatten().count());
+        println!(
+            "residual: {:.3} mm and {:.3} deg over {} measured poses",
+            t * 1e3,
+            a.to_degrees(),
+            r.poses.iter().flatten().count()
+        );
     }
     if let Some(e) = r.rms_points() {
         println!("residual: {:.3} mm over {} measured points", e * 1e3, r.points.iter().flatten().count());

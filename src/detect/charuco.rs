@@ -49,7 +49,11 @@ impl CharucoBoard {
     /// Number of markers on the board, printed the new or the legacy way.
     #[must_use]
     pub fn markers(&self, legacy: bool) -> usize {
-        (0..self.squares[1]).map(|row| (0..self.squares[0]).filter(|column| carries_marker(*column, row, legacy, self.squares[1])).count()).sum()
+        (0..self.squares[1])
+            .map(|row| {
+                (0..self.squares[0]).filter(|column| carries_marker(*column, row, legacy, self.squares[1])).count()
+            })
+            .sum()
     }
 
     /// A marker's four corners on the board, in squares, in id order.
@@ -76,7 +80,10 @@ impl CharucoBoard {
     /// An empty list if no two tags agree on where the board lies.
     #[must_use]
     pub fn corners(&self, picture: &GreyPicture, lens: Option<&dyn Lens>, tags: &[FoundTag]) -> Vec<BoardCorner> {
-        let refined: Vec<FoundTag> = tags.iter().map(|(id, rough)| (*id, refined_or_rough(picture, lens, *rough, self.cells_per_side))).collect();
+        let refined: Vec<FoundTag> = tags
+            .iter()
+            .map(|(id, rough)| (*id, refined_or_rough(picture, lens, *rough, self.cells_per_side)))
+            .collect();
         let new = self.place(&refined, false);
         // With an odd number of rows both ways of printing are one.
         let legacy = if self.squares[1].is_multiple_of(2) { self.place(&refined, true) } else { Vec::new() };
@@ -93,7 +100,12 @@ impl CharucoBoard {
                 let Some(map) = near_map(&placed, place) else { continue };
                 // The square beyond this corner, towards the last one.
                 let black_ahead = !carries_marker(column + 1, row + 1, is_legacy, self.squares[1]);
-                let rough = RoughCorner { pixel: map.map(place), square: map.square(place), margin: self.margin(), black_ahead: Some(black_ahead) };
+                let rough = RoughCorner {
+                    pixel: map.map(place),
+                    square: map.square(place),
+                    margin: self.margin(),
+                    black_ahead: Some(black_ahead),
+                };
                 if let Refinement::Refined { pixel, covariance } = refine_saddle(picture, &rough) {
                     found.push(((row * columns + column) as u32, pixel, covariance));
                 }
@@ -117,7 +129,8 @@ impl CharucoBoard {
         let mut best: Vec<usize> = Vec::new();
         for candidate in &candidates {
             let Some(map) = PlaneMap::fit(&candidate.board, &candidate.picture) else { continue };
-            let agreeing: Vec<usize> = (0..candidates.len()).filter(|other| agrees(&map, candidate, &candidates[*other])).collect();
+            let agreeing: Vec<usize> =
+                (0..candidates.len()).filter(|other| agrees(&map, candidate, &candidates[*other])).collect();
             if agreeing.len() > best.len() {
                 best = agreeing;
             }
@@ -165,7 +178,12 @@ fn carries_marker(column: usize, row: usize, legacy: bool, rows: usize) -> bool 
 }
 
 /// The tag's corners, each refined where it can be: here they only say where to look.
-fn refined_or_rough(picture: &GreyPicture, lens: Option<&dyn Lens>, rough: [[f64; 2]; 4], cells_per_side: usize) -> [[f64; 2]; 4] {
+fn refined_or_rough(
+    picture: &GreyPicture,
+    lens: Option<&dyn Lens>,
+    rough: [[f64; 2]; 4],
+    cells_per_side: usize,
+) -> [[f64; 2]; 4] {
     let refined: [Refinement; 4] = refine_quad(picture, lens, rough, cells_per_side);
     [0, 1, 2, 3].map(|corner: usize| match refined[corner] {
         Refinement::Refined { pixel, .. } => pixel,

@@ -59,7 +59,8 @@ pub fn canonical(picture: &GreyPicture, corners: &[[f64; 2]], columns: usize, ro
     let mut grid = corners.to_vec();
     // Twice the signed area of the board's outline: positive if it runs clockwise as seen (y down).
     let outline = [grid[0], grid[columns - 1], grid[columns * rows - 1], grid[columns * (rows - 1)]];
-    let area: f64 = (0..4).map(|k| outline[k][0] * outline[(k + 1) % 4][1] - outline[(k + 1) % 4][0] * outline[k][1]).sum();
+    let area: f64 =
+        (0..4).map(|k| outline[k][0] * outline[(k + 1) % 4][1] - outline[(k + 1) % 4][0] * outline[k][1]).sum();
     if area < 0.0 {
         grid.chunks_exact_mut(columns).for_each(<[_]>::reverse);
     }
@@ -71,7 +72,9 @@ pub fn canonical(picture: &GreyPicture, corners: &[[f64; 2]], columns: usize, ro
     if columns == rows {
         // New columns run along the old rows; mirrored so that the hand stays the same.
         let quarter = |grid: &[[f64; 2]]| -> Vec<[f64; 2]> {
-            (0..columns * rows).filter_map(|k| grid.get((columns - 1 - k % columns) * columns + k / columns).copied()).collect()
+            (0..columns * rows)
+                .filter_map(|k| grid.get((columns - 1 - k % columns) * columns + k / columns).copied())
+                .collect()
         };
         let turned = [quarter(&candidates[0]), quarter(&candidates[1])];
         candidates.extend(turned);
@@ -125,7 +128,8 @@ fn square_value(picture: &GreyPicture, [a, b, c, d]: [[f64; 2]; 4]) -> Option<f6
     let mut values = Vec::with_capacity(9);
     for u in [0.35, 0.5, 0.65] {
         for v in [0.35, 0.5, 0.65] {
-            let at = |axis: usize| (1.0 - v) * ((1.0 - u) * a[axis] + u * b[axis]) + v * ((1.0 - u) * d[axis] + u * c[axis]);
+            let at =
+                |axis: usize| (1.0 - v) * ((1.0 - u) * a[axis] + u * b[axis]) + v * ((1.0 - u) * d[axis] + u * c[axis]);
             values.extend(picture.sample(at(0), at(1)));
         }
     }
@@ -164,9 +168,13 @@ fn regular(corners: &[[f64; 2]], columns: usize, rows: usize) -> bool {
 fn alternates(picture: &GreyPicture, corners: &[[f64; 2]], columns: usize, rows: usize) -> bool {
     let value = |column: usize, row: usize| {
         let first = row * columns + column;
-        square_value(picture, [corners[first], corners[first + 1], corners[first + columns + 1], corners[first + columns]])
+        square_value(
+            picture,
+            [corners[first], corners[first + 1], corners[first + columns + 1], corners[first + columns]],
+        )
     };
-    let squares: Vec<Option<f64>> = (0..(columns - 1) * (rows - 1)).map(|k| value(k % (columns - 1), k / (columns - 1))).collect();
+    let squares: Vec<Option<f64>> =
+        (0..(columns - 1) * (rows - 1)).map(|k| value(k % (columns - 1), k / (columns - 1))).collect();
     let mut sign = 0.0;
     for row in 0..rows - 1 {
         for column in 0..columns - 1 {

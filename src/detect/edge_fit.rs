@@ -238,7 +238,8 @@ pub(crate) fn normal(z: f64) -> (f64, f64) {
                 let z = entry as f64 / PER_UNIT - REACH;
                 let value = [integral, density(z)];
                 // Simpson's rule over one step.
-                integral += (density(z) + 4.0 * density(z + 0.5 / PER_UNIT) + density(z + 1.0 / PER_UNIT)) / (6.0 * PER_UNIT);
+                integral +=
+                    (density(z) + 4.0 * density(z + 0.5 / PER_UNIT) + density(z + 1.0 / PER_UNIT)) / (6.0 * PER_UNIT);
                 value
             })
             .collect()

@@ -66,7 +66,12 @@ impl fmt::Display for Weakness {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Refinement {
     /// Where it is (px) and `[suu, suv, svv]` (px^2).
-    Refined { pixel: [f64; 2], covariance: [f64; 3] },
+    Refined {
+        /// Where the corner is, px.
+        pixel: [f64; 2],
+        /// `[suu, suv, svv]`, px^2.
+        covariance: [f64; 3],
+    },
     /// It cannot be told well.
     Weak(Weakness),
 }
@@ -87,14 +92,24 @@ const USUAL_BLUR: f64 = 0.9;
 ///
 /// Answers in the order of `rough`. About 0.4 ms for a tag of 70 px.
 #[must_use]
-pub fn refine_quad(picture: &GreyPicture, lens: Option<&dyn Lens>, rough: [[f64; 2]; 4], cells_per_side: usize) -> [Refinement; 4] {
+pub fn refine_quad(
+    picture: &GreyPicture,
+    lens: Option<&dyn Lens>,
+    rough: [[f64; 2]; 4],
+    cells_per_side: usize,
+) -> [Refinement; 4] {
     match refine(picture, lens, rough, cells_per_side) {
         Ok(corners) => corners,
         Err(weakness) => [Refinement::Weak(weakness); 4],
     }
 }
 
-fn refine(picture: &GreyPicture, lens: Option<&dyn Lens>, rough: [[f64; 2]; 4], cells_per_side: usize) -> Result<[Refinement; 4], Weakness> {
+fn refine(
+    picture: &GreyPicture,
+    lens: Option<&dyn Lens>,
+    rough: [[f64; 2]; 4],
+    cells_per_side: usize,
+) -> Result<[Refinement; 4], Weakness> {
     let bender = Bender(lens);
     let mut corners = rough;
     let mut ideal = bender.undistort_all(rough)?;
@@ -111,7 +126,8 @@ fn refine(picture: &GreyPicture, lens: Option<&dyn Lens>, rough: [[f64; 2]; 4], 
     let mut pass = 1;
     loop {
         let sides = build_sides(&bender, corners, ideal, cells_per_side)?;
-        let fits = [0, 1, 2, 3].map(|side: usize| sides[side].fit(picture, [&sides[(side + 3) % 4], &sides[(side + 1) % 4]], blur));
+        let fits = [0, 1, 2, 3]
+            .map(|side: usize| sides[side].fit(picture, [&sides[(side + 3) % 4], &sides[(side + 1) % 4]], blur));
         let found = fits.map(Result::ok);
         ideal = meet(&bender, &sides, &found, ideal)?;
         corners = bender.distort_all(ideal)?;
@@ -124,7 +140,9 @@ fn refine(picture: &GreyPicture, lens: Option<&dyn Lens>, rough: [[f64; 2]; 4], 
                 let before = (corner + 3) % 4;
                 match (&fits[before], &fits[corner]) {
                     (Err(weakness), _) | (_, Err(weakness)) => Refinement::Weak(*weakness),
-                    (Ok(first), Ok(second)) => judge(rough[corner], corners[corner], [&sides[before], &sides[corner]], [first, second]),
+                    (Ok(first), Ok(second)) => {
+                        judge(rough[corner], corners[corner], [&sides[before], &sides[corner]], [first, second])
+                    }
                 }
             }));
         }
@@ -141,7 +159,8 @@ fn judge(rough: [f64; 2], pixel: [f64; 2], sides: [&Side; 2], fits: [&SideFit; 2
     // A shift of the corner moves along both normals: N shift = (e1, e2), so
     // covariance = N^-1 diag(v1, v2) N^-T.
     let variances = [
-        fits[0].variance_at(sides[0].length) + unseen(sides[0].inner_cell[1].min(sides[0].outer_cell[1]), fits[0].blur).powi(2),
+        fits[0].variance_at(sides[0].length)
+            + unseen(sides[0].inner_cell[1].min(sides[0].outer_cell[1]), fits[0].blur).powi(2),
         fits[1].variance_at(0.0) + unseen(sides[1].inner_cell[0].min(sides[1].outer_cell[0]), fits[1].blur).powi(2),
     ];
     let (a, b) = (sides[0].outward, sides[1].outward);
@@ -172,7 +191,12 @@ fn unseen(cell: f64, blur: f64) -> f64 {
 }
 
 /// The four sides through corners known in the picture and in ideal coordinates.
-fn build_sides(bender: &Bender<'_>, corners: [[f64; 2]; 4], ideal: [[f64; 2]; 4], cells_per_side: usize) -> Result<[Side; 4], Weakness> {
+fn build_sides(
+    bender: &Bender<'_>,
+    corners: [[f64; 2]; 4],
+    ideal: [[f64; 2]; 4],
+    cells_per_side: usize,
+) -> Result<[Side; 4], Weakness> {
     let winding = winding(corners).ok_or(Weakness::NotAQuadrangle)?;
     let unit = Projection::from_unit_square(corners).ok_or(Weakness::NotAQuadrangle)?;
     let cell = 1.0 / cells_per_side.max(3) as f64;
@@ -204,7 +228,12 @@ fn build_sides(bender: &Bender<'_>, corners: [[f64; 2]; 4], ideal: [[f64; 2]; 4]
 }
 
 /// Moves each side by its fit (a side without one stays) and crosses neighbours, in ideal coordinates.
-fn meet(bender: &Bender<'_>, sides: &[Side; 4], fits: &[Option<SideFit>; 4], ideal: [[f64; 2]; 4]) -> Result<[[f64; 2]; 4], Weakness> {
+fn meet(
+    bender: &Bender<'_>,
+    sides: &[Side; 4],
+    fits: &[Option<SideFit>; 4],
+    ideal: [[f64; 2]; 4],
+) -> Result<[[f64; 2]; 4], Weakness> {
     let mut lines = [[[0.0; 2]; 2]; 4];
     for side in 0..4 {
         lines[side] = match &fits[side] {
@@ -213,7 +242,8 @@ fn meet(bender: &Bender<'_>, sides: &[Side; 4], fits: &[Option<SideFit>; 4], ide
                 let Side { start, along, outward, length, .. } = &sides[side];
                 let moved = |u: f64| {
                     let d = fit.at(u);
-                    bender.undistort([start[0] + u * along[0] + d * outward[0], start[1] + u * along[1] + d * outward[1]])
+                    bender
+                        .undistort([start[0] + u * along[0] + d * outward[0], start[1] + u * along[1] + d * outward[1]])
                 };
                 [moved(0.0)?, moved(*length)?]
             }
@@ -294,7 +324,16 @@ impl Projection {
         }
         let g = (sx * dy2 - dx2 * sy) / determinant;
         let h = (dx1 * sy - sx * dy1) / determinant;
-        Some(Self([p1[0] - p0[0] + g * p1[0], p3[0] - p0[0] + h * p3[0], p0[0], p1[1] - p0[1] + g * p1[1], p3[1] - p0[1] + h * p3[1], p0[1], g, h]))
+        Some(Self([
+            p1[0] - p0[0] + g * p1[0],
+            p3[0] - p0[0] + h * p3[0],
+            p0[0],
+            p1[1] - p0[1] + g * p1[1],
+            p3[1] - p0[1] + h * p3[1],
+            p0[1],
+            g,
+            h,
+        ]))
     }
 
     pub fn map(&self, [x, y]: [f64; 2]) -> [f64; 2] {

@@ -81,7 +81,11 @@ impl Bend {
     }
 
     fn at(&self, u: f64) -> f64 {
-        self.coefficients.iter().zip(&self.places).rev().fold(0.0, |sum, (coefficient, place)| sum * (u - place) + coefficient)
+        self.coefficients
+            .iter()
+            .zip(&self.places)
+            .rev()
+            .fold(0.0, |sum, (coefficient, place)| sum * (u - place) + coefficient)
     }
 }
 
@@ -175,7 +179,8 @@ impl Side {
         if edges.len() < MINIMUM_STATIONS || edges.len() * 2 < stations.len() {
             return Err(Weakness::NotStraight);
         }
-        let (first, last) = edges.iter().fold((f64::MAX, f64::MIN), |(low, high), edge| (edge.u.min(low), edge.u.max(high)));
+        let (first, last) =
+            edges.iter().fold((f64::MAX, f64::MIN), |(low, high), edge| (edge.u.min(low), edge.u.max(high)));
         // A line known at one end only says nothing about the corner at the other.
         if last - first < 0.4 * self.length {
             return Err(Weakness::TooFewEdges);

@@ -57,10 +57,22 @@ pub struct Corner {
 pub enum DetectError {
     /// The pattern makes no sense, whatever the picture.
     #[error("pattern {pattern} cannot be looked for: {reason}")]
-    Pattern { pattern: usize, reason: String },
+    Pattern {
+        /// Its place in the list that was asked for.
+        pattern: usize,
+        /// Why.
+        reason: String,
+    },
     /// The library underneath gave up.
     #[error("{detector} failed while {doing}: {words}")]
-    Library { detector: &'static str, doing: &'static str, words: String },
+    Library {
+        /// The detector's name.
+        detector: &'static str,
+        /// What it was doing.
+        doing: &'static str,
+        /// The library's own words.
+        words: String,
+    },
 }
 
 /// Finds patterns in pictures. One value serves all threads at once and keeps nothing between pictures.
@@ -79,5 +91,10 @@ pub trait Detector: Send + Sync {
     ///
     /// # Errors
     /// [`DetectError`]; finding nothing is an empty list.
-    fn detect(&self, picture: &GreyPicture, lens: Option<&dyn Lens>, wanted: &[Pattern]) -> Result<Vec<Corner>, DetectError>;
+    fn detect(
+        &self,
+        picture: &GreyPicture,
+        lens: Option<&dyn Lens>,
+        wanted: &[Pattern],
+    ) -> Result<Vec<Corner>, DetectError>;
 }

@@ -60,7 +60,9 @@ impl OpenCvDetector {
             let (mut corners, mut rejected) = (Vector::<Vector<Point2f>>::new(), Vector::<Vector<Point2f>>::new());
             let mut ids = Vector::<i32>::new();
             aruco::detect_markers(&mat, &family, &mut corners, &mut ids, &parameters, &mut rejected)?;
-            Ok::<_, ::opencv::Error>(ids.iter().zip(corners.iter()).map(|(id, quad)| (id, quad.to_vec())).collect::<Vec<_>>())
+            Ok::<_, ::opencv::Error>(
+                ids.iter().zip(corners.iter()).map(|(id, quad)| (id, quad.to_vec())).collect::<Vec<_>>(),
+            )
         })()
         .map_err(&failed)?;
         // OpenCV keeps AprilRobotics' families turned by half a turn.
@@ -79,7 +81,12 @@ impl OpenCvDetector {
     ///
     /// # Errors
     /// [`DetectError::Library`].
-    pub fn find_checkerboard(&self, picture: &GreyPicture, columns: usize, rows: usize) -> Result<Option<Vec<[f64; 2]>>, DetectError> {
+    pub fn find_checkerboard(
+        &self,
+        picture: &GreyPicture,
+        columns: usize,
+        rows: usize,
+    ) -> Result<Option<Vec<[f64; 2]>>, DetectError> {
         let failed = library("looking for a checkerboard");
         let mat = borrow(picture).map_err(&failed)?;
         let size = || Some(Size::new(i32::try_from(columns).ok()?, i32::try_from(rows).ok()?));
@@ -109,7 +116,12 @@ impl Detector for OpenCvDetector {
         NAME
     }
 
-    fn detect(&self, picture: &GreyPicture, lens: Option<&dyn Lens>, wanted: &[Pattern]) -> Result<Vec<Corner>, DetectError> {
+    fn detect(
+        &self,
+        picture: &GreyPicture,
+        lens: Option<&dyn Lens>,
+        wanted: &[Pattern],
+    ) -> Result<Vec<Corner>, DetectError> {
         let mut tags: BTreeMap<Dictionary, Vec<FoundTag>> = BTreeMap::new();
         for pattern in wanted {
             if let Pattern::Tags { dictionary, .. } | Pattern::Charuco { dictionary, .. } = pattern
@@ -128,7 +140,13 @@ impl Detector for OpenCvDetector {
                         let refined = refine_quad(picture, lens, *rough, dictionary.cells_per_side());
                         for (corner, refinement) in (0..).zip(refined) {
                             if let Refinement::Refined { pixel, covariance } = refinement {
-                                corners.push(Corner { pattern: index, tag: Some(*id), corner, pixel, covariance: Some(covariance) });
+                                corners.push(Corner {
+                                    pattern: index,
+                                    tag: Some(*id),
+                                    corner,
+                                    pixel,
+                                    covariance: Some(covariance),
+                                });
                             }
                         }
                     }
@@ -144,23 +162,35 @@ impl Detector for OpenCvDetector {
                 }
                 Pattern::Charuco { squares, square, marker, dictionary, first_id } => {
                     if squares[0] < 2 || squares[1] < 2 || !(*marker > 0.0 && marker < square && square.is_finite()) {
-                        return Err(refused("a ChArUco board needs at least 2 x 2 squares and markers smaller than its squares"));
+                        return Err(refused(
+                            "a ChArUco board needs at least 2 x 2 squares and markers smaller than its squares",
+                        ));
                     }
                     // Also keeps an absurd number of squares from costing an absurd amount of memory.
                     let markers = squares[0].checked_mul(squares[1]).map(|squares| squares / 2);
                     let last = markers.and_then(|markers| markers.checked_add(*first_id as usize));
                     if last.is_none_or(|last| last > dictionary.tag_count() as usize) {
-                        return Err(refused("the board has more markers than its dictionary has tags from first_id on"));
+                        return Err(refused(
+                            "the board has more markers than its dictionary has tags from first_id on",
+                        ));
                     }
                     let cells_per_side = dictionary.cells_per_side();
-                    let board = CharucoBoard { squares: *squares, square: *square, marker: *marker, first_id: *first_id, cells_per_side };
-                    corners.extend(board.corners(picture, lens, found_of(dictionary)).into_iter().map(|(corner, pixel, covariance)| Corner {
-                        pattern: index,
-                        tag: None,
-                        corner,
-                        pixel,
-                        covariance: Some(covariance),
-                    }));
+                    let board = CharucoBoard {
+                        squares: *squares,
+                        square: *square,
+                        marker: *marker,
+                        first_id: *first_id,
+                        cells_per_side,
+                    };
+                    corners.extend(board.corners(picture, lens, found_of(dictionary)).into_iter().map(
+                        |(corner, pixel, covariance)| Corner {
+                            pattern: index,
+                            tag: None,
+                            corner,
+                            pixel,
+                            covariance: Some(covariance),
+                        },
+                    ));
                 }
             }
         }
@@ -179,7 +209,9 @@ fn measure_grid(picture: &GreyPicture, grid: &[[f64; 2]], columns: usize, rows: 
         .filter_map(|(corner, (pixel, place))| {
             let rough = RoughCorner { pixel: *pixel, square: map.square(place), margin: 0.5, black_ahead: None };
             match refine_saddle(picture, &rough) {
-                Refinement::Refined { pixel, covariance } => Some(Corner { pattern, tag: None, corner, pixel, covariance: Some(covariance) }),
+                Refinement::Refined { pixel, covariance } => {
+                    Some(Corner { pattern, tag: None, corner, pixel, covariance: Some(covariance) })
+                }
                 Refinement::Weak(_) => None,
             }
         })
@@ -200,7 +232,9 @@ fn without_doubles(tags: Vec<FoundTag>) -> Vec<FoundTag> {
             places.sort_by(|a, b| diagonal(b).total_cmp(&diagonal(a)));
             let largest = *places.first()?;
             let near = |corners: &[[f64; 2]; 4]| {
-                (0..4).all(|k| (corners[k][0] - largest[k][0]).hypot(corners[k][1] - largest[k][1]) < 0.25 * diagonal(&largest))
+                (0..4).all(|k| {
+                    (corners[k][0] - largest[k][0]).hypot(corners[k][1] - largest[k][1]) < 0.25 * diagonal(&largest)
+                })
             };
             places.iter().all(near).then_some((id, largest))
         })

@@ -24,16 +24,36 @@ pub const MAXIMUM_PIXELS: u64 = 256 * 1024 * 1024;
 pub enum PictureError {
     /// There is no such file.
     #[error("{}: there is no such picture", path.display())]
-    Missing { path: PathBuf },
+    Missing {
+        /// The file.
+        path: PathBuf,
+    },
     /// The file is there, but cannot be opened or is no picture; the decoder's own words follow.
     #[error("{}: not readable as a picture: {words}", path.display())]
-    Unreadable { path: PathBuf, words: String },
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        /// The decoder's own words.
+        words: String,
+    },
     /// The picture's size is not the one its camera's intrinsics belong to (width, height in pixels).
     #[error("{}: the picture is {}x{}, the camera's intrinsics are for {}x{}", path.display(), found[0], found[1], expected[0], expected[1])]
-    WrongSize { path: PathBuf, found: [u32; 2], expected: [u32; 2] },
+    WrongSize {
+        /// The file.
+        path: PathBuf,
+        /// The picture's width and height.
+        found: [u32; 2],
+        /// The intrinsics' width and height.
+        expected: [u32; 2],
+    },
     /// The header claims more than [`MAXIMUM_PIXELS`].
     #[error("{}: the header claims {}x{} pixels, more than 256 megapixels", path.display(), size[0], size[1])]
-    TooLarge { path: PathBuf, size: [u32; 2] },
+    TooLarge {
+        /// The file.
+        path: PathBuf,
+        /// The width and height it claims.
+        size: [u32; 2],
+    },
 }
 
 /// A picture of 8-bit grey values in rows; the centre of the top-left pixel is (0, 0).
@@ -49,7 +69,11 @@ impl GreyPicture {
     /// or a side is zero.
     #[must_use]
     pub fn new(width: usize, height: usize, pixels: Vec<u8>) -> Option<Self> {
-        (width > 0 && height > 0 && width.checked_mul(height)? == pixels.len()).then_some(Self { width, height, pixels })
+        (width > 0 && height > 0 && width.checked_mul(height)? == pixels.len()).then_some(Self {
+            width,
+            height,
+            pixels,
+        })
     }
 
     /// Reads a PNG, JPEG, PNM, TIFF or BMP file, known by its contents and not by its name.
@@ -65,7 +89,9 @@ impl GreyPicture {
             io::ErrorKind::NotFound => PictureError::Missing { path: path.to_owned() },
             _ => unreadable(error.to_string()),
         })?;
-        let mut reader = ImageReader::new(BufReader::new(file)).with_guessed_format().map_err(|error| unreadable(error.to_string()))?;
+        let mut reader = ImageReader::new(BufReader::new(file))
+            .with_guessed_format()
+            .map_err(|error| unreadable(error.to_string()))?;
         // `image` would already refuse at its own default; ours is the same for every format.
         reader.limits(Limits::no_limits());
         let mut decoder = reader.into_decoder().map_err(|error| unreadable(error.to_string()))?;
@@ -84,7 +110,8 @@ impl GreyPicture {
         limits.max_alloc = Some(2 * 8 * MAXIMUM_PIXELS);
         decoder.set_limits(limits).map_err(|error| unreadable(error.to_string()))?;
         let decoded = DynamicImage::from_decoder(decoder).map_err(|error| unreadable(error.to_string()))?;
-        Self::new(width as usize, height as usize, grey(decoded)).ok_or_else(|| unreadable("it has no pixels".to_owned()))
+        Self::new(width as usize, height as usize, grey(decoded))
+            .ok_or_else(|| unreadable("it has no pixels".to_owned()))
     }
 
     /// Width in pixels, at least 1.
@@ -109,7 +136,11 @@ impl GreyPicture {
     #[must_use]
     #[inline]
     pub fn pixel(&self, column: usize, row: usize) -> Option<u8> {
-        if column < self.width { self.pixels.get(row.checked_mul(self.width)?.checked_add(column)?).copied() } else { None }
+        if column < self.width {
+            self.pixels.get(row.checked_mul(self.width)?.checked_add(column)?).copied()
+        } else {
+            None
+        }
     }
 
     /// The grey value between pixels by bilinear interpolation; `None` outside the centres of the
@@ -146,8 +177,12 @@ fn grey(decoded: DynamicImage) -> Vec<u8> {
     match decoded {
         DynamicImage::ImageLuma8(buffer) => buffer.into_raw(),
         DynamicImage::ImageLumaA8(buffer) => buffer.as_raw().chunks_exact(2).map(|pixel| pixel[0]).collect(),
-        DynamicImage::ImageRgb8(buffer) => buffer.as_raw().chunks_exact(3).map(|pixel| luma(pixel[0], pixel[1], pixel[2])).collect(),
-        DynamicImage::ImageRgba8(buffer) => buffer.as_raw().chunks_exact(4).map(|pixel| luma(pixel[0], pixel[1], pixel[2])).collect(),
+        DynamicImage::ImageRgb8(buffer) => {
+            buffer.as_raw().chunks_exact(3).map(|pixel| luma(pixel[0], pixel[1], pixel[2])).collect()
+        }
+        DynamicImage::ImageRgba8(buffer) => {
+            buffer.as_raw().chunks_exact(4).map(|pixel| luma(pixel[0], pixel[1], pixel[2])).collect()
+        }
         DynamicImage::ImageLuma16(buffer) => buffer.as_raw().iter().map(|value| narrow(*value)).collect(),
         DynamicImage::ImageLumaA16(buffer) => buffer.as_raw().chunks_exact(2).map(|pixel| narrow(pixel[0])).collect(),
         // 16-bit colour, floats and whatever a later version adds: by way of 8-bit colour.

@@ -15,8 +15,8 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use super::edge_lines::{LARGEST_DEVIATION, Refinement, Weakness};
 use super::edge_fit::normal;
+use super::edge_lines::{LARGEST_DEVIATION, Refinement, Weakness};
 use super::picture::GreyPicture;
 
 /// Unknowns: x, y, direction 1, direction 2, ln blur, middle, contrast, and the light's relative slopes along x and y.
@@ -95,7 +95,8 @@ fn fit(picture: &GreyPicture, rough: &RoughCorner) -> Result<([f64; 2], [f64; 3]
     if (found[0] - rough.pixel[0]).hypot(found[1] - rough.pixel[1]) > reach {
         return Err(Weakness::MovedTooFar);
     }
-    let inverse = information.cholesky().ok_or(Weakness::TooUncertain)?.inverse() * (noise.max(1.0 / 12.0) * redundancy(&samples, &found));
+    let inverse = information.cholesky().ok_or(Weakness::TooUncertain)?.inverse()
+        * (noise.max(1.0 / 12.0) * redundancy(&samples, &found));
     let covariance = [inverse[(0, 0)] + FLOOR.powi(2), inverse[(0, 1)], inverse[(1, 1)] + FLOOR.powi(2)];
     let worst = (covariance[0] + covariance[2]) / 2.0 + ((covariance[0] - covariance[2]) / 2.0).hypot(covariance[1]);
     if worst.is_nan() || worst > LARGEST_DEVIATION.powi(2) {
@@ -112,7 +113,9 @@ fn fit(picture: &GreyPicture, rough: &RoughCorner) -> Result<([f64; 2], [f64; 3]
 fn redundancy(samples: &[[f64; 3]], unknowns: &SVector<f64, UNKNOWNS>) -> f64 {
     let residuals: Vec<f64> = samples.iter().map(|sample| sample[2] - value(unknowns, sample)).collect();
     let (mut squares, mut products, mut pairs) = (0.0, 0.0, 0.0);
-    for ((this, next), (a, b)) in samples.iter().zip(samples.iter().skip(1)).zip(residuals.iter().zip(residuals.iter().skip(1))) {
+    for ((this, next), (a, b)) in
+        samples.iter().zip(samples.iter().skip(1)).zip(residuals.iter().zip(residuals.iter().skip(1)))
+    {
         // Samples run along rows of the picture: the next one is mostly the pixel beside.
         if this[1] == next[1] && next[0] - this[0] == 1.0 {
             squares += 0.5 * (a * a + b * b);
@@ -171,7 +174,10 @@ fn window(picture: &GreyPicture, rough: &RoughCorner, centre: [f64; 2]) -> Resul
 type Information = SMatrix<f64, UNKNOWNS, UNKNOWNS>;
 
 /// Levenberg-Marquardt. Gives the unknowns, J'J there, and the sum of squared residuals.
-fn descend(samples: &[[f64; 3]], start: SVector<f64, UNKNOWNS>) -> Result<(SVector<f64, UNKNOWNS>, Information, f64), Weakness> {
+fn descend(
+    samples: &[[f64; 3]],
+    start: SVector<f64, UNKNOWNS>,
+) -> Result<(SVector<f64, UNKNOWNS>, Information, f64), Weakness> {
     let mut unknowns = start;
     if start[6] == 0.0 {
         // Middle and contrast are linear: one small regression starts them.
@@ -229,7 +235,10 @@ fn product(unknowns: &SVector<f64, UNKNOWNS>, sample: &[f64; 3]) -> f64 {
     edge(unknowns[2]) * edge(unknowns[3])
 }
 
-fn normal_equations(samples: &[[f64; 3]], unknowns: &SVector<f64, UNKNOWNS>) -> (Information, SVector<f64, UNKNOWNS>, f64) {
+fn normal_equations(
+    samples: &[[f64; 3]],
+    unknowns: &SVector<f64, UNKNOWNS>,
+) -> (Information, SVector<f64, UNKNOWNS>, f64) {
     let blur = unknowns[4].exp();
     let (sin1, cos1) = unknowns[2].sin_cos();
     let (sin2, cos2) = unknowns[3].sin_cos();

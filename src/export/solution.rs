@@ -29,7 +29,11 @@ pub fn write(path: &Path, solved: &Solved) -> std::io::Result<()> {
     }
     let yaml = document.to_yaml()?;
     atomic::write(path, |out| {
-        writeln!(out, "# Written by cellmap {}. A layout whose poses are the ones found; see `solution` at the end.", crate::VERSION)?;
+        writeln!(
+            out,
+            "# Written by cellmap {}. A layout whose poses are the ones found; see `solution` at the end.",
+            crate::VERSION
+        )?;
         out.write_all(yaml.as_bytes())
     })?;
     atomic::write(&path.with_extension("json"), |out| writeln!(out, "{json}"))
@@ -168,7 +172,8 @@ fn target(solved: &Solved, index: usize, target: &Target) -> Document {
     match &target.geometry {
         TargetGeometry::Points(points) if points.iter().any(|(_, place)| place.is_none()) => {
             let places = points.iter().map(|(name, place)| {
-                let found = place.map_or_else(|| part(solved, &format!("{}.{name}", target.name)).map(|p| p.translation), Some);
+                let found =
+                    place.map_or_else(|| part(solved, &format!("{}.{name}", target.name)).map(|p| p.translation), Some);
                 let value = found.map_or(Document::text("unknown"), |p| {
                     Document::numbers(&[p.x / units.length, p.y / units.length, p.z / units.length])
                 });
@@ -180,7 +185,8 @@ fn target(solved: &Solved, index: usize, target: &Target) -> Document {
             let all: Option<Vec<Document>> = faces
                 .iter()
                 .map(|face| {
-                    let pose = face.target_from_tag.or_else(|| part(solved, &format!("{}.tag{}", target.name, face.id)))?;
+                    let pose =
+                        face.target_from_tag.or_else(|| part(solved, &format!("{}.tag{}", target.name, face.id)))?;
                     Some(Document::map([
                         ("id", Document::Whole(u64::from(face.id))),
                         ("size", number(face.size / units.length)),
@@ -189,7 +195,8 @@ fn target(solved: &Solved, index: usize, target: &Target) -> Document {
                 })
                 .collect();
             if let (Some(all), Some(Pattern::Tags { dictionary, .. })) = (all, &target.pattern) {
-                let tags = Document::map([("dictionary", Document::text(dictionary.name())), ("places", Document::List(all))]);
+                let tags =
+                    Document::map([("dictionary", Document::text(dictionary.name())), ("places", Document::List(all))]);
                 entries = vec![("tags".to_owned(), tags)];
             }
         }
@@ -225,7 +232,10 @@ fn settings(solved: &Solved) -> Document {
         ("point_sigma", number(s.point_sigma / units.length)),
         (
             "pose_sigma",
-            Document::map([("xyz", number(s.pose_sigma[0] / units.length)), ("rotation", number(s.pose_sigma[1] / units.angle))]),
+            Document::map([
+                ("xyz", number(s.pose_sigma[0] / units.length)),
+                ("rotation", number(s.pose_sigma[1] / units.angle)),
+            ]),
         ),
         ("contact_sigma", number(s.contact_sigma / units.length)),
     ])
@@ -289,11 +299,13 @@ pub fn parameters(solved: &Solved) -> Vec<(String, Document)> {
             UnknownKind::Links { robot, places, .. } => {
                 let Motion::Joints { chain, .. } = &solved.layout.robots[*robot].motion else { continue };
                 for (i, place) in places.iter().enumerate() {
-                    let (link, kind) = (place / PARAMETERS_PER_LINK, crate::robot::ParameterKind::ALL[place % PARAMETERS_PER_LINK]);
+                    let (link, kind) =
+                        (place / PARAMETERS_PER_LINK, crate::robot::ParameterKind::ALL[place % PARAMETERS_PER_LINK]);
                     let angle = kind.is_angle(chain.links[link].joint);
                     let (scale, unit) = if angle { (1.0 / DEGREE, "deg") } else { (1e3, "mm") };
                     let value = number(solved.state.corrections[*robot][*place] * scale);
-                    let sigma = solved.covariance.column_sigma(block.start + i).map_or(Document::Null, |s| number(s * scale));
+                    let sigma =
+                        solved.covariance.column_sigma(block.start + i).map_or(Document::Null, |s| number(s * scale));
                     let name = format!("joint{}_{}_{unit}", link + 1, kind.name());
                     entries.push((name, Document::map([("value", value), ("sigma", sigma)])));
                 }
@@ -353,9 +365,10 @@ fn found(solved: &Solved) -> Document {
     }
     entries.push(("fit".to_owned(), Document::Map(fit(solved))));
     entries.push(("undetermined".to_owned(), undetermined(solved)));
-    let inputs = solved.inputs.iter().map(|(file, hash)| {
-        Document::map([("file", Document::text(file)), ("sha256", Document::text(hash))])
-    });
+    let inputs = solved
+        .inputs
+        .iter()
+        .map(|(file, hash)| Document::map([("file", Document::text(file)), ("sha256", Document::text(hash))]));
     entries.push((
         "provenance".to_owned(),
         Document::map([("cellmap", Document::text(crate::VERSION)), ("inputs", Document::List(inputs.collect()))]),

@@ -194,7 +194,8 @@ impl FrameTree {
         match &layout.targets[target].geometry {
             TargetGeometry::Tags(faces) => {
                 for face in faces.iter().filter(|face| face.target_from_tag.is_none()) {
-                    let part = self.add_static(format!("{name}.tag{}", face.id), frame, PoseSpec::Unknown, Freedom::Pose);
+                    let part =
+                        self.add_static(format!("{name}.tag{}", face.id), frame, PoseSpec::Unknown, Freedom::Pose);
                     for corner in 0..4 {
                         self.parts.insert((target, Feature::TagCorner(face.id, corner)), part);
                     }
@@ -202,7 +203,8 @@ impl FrameTree {
             }
             TargetGeometry::Points(points) => {
                 for (point, _) in points.iter().filter(|(_, place)| place.is_none()) {
-                    let part = self.add_static(format!("{name}.{point}"), frame, PoseSpec::Unknown, Freedom::Translation);
+                    let part =
+                        self.add_static(format!("{name}.{point}"), frame, PoseSpec::Unknown, Freedom::Translation);
                     self.parts.insert((target, Feature::Point(point.clone())), part);
                 }
             }

@@ -11,26 +11,47 @@ use std::fmt;
 /// All have a black border one cell wide around `bits_per_side` x `bits_per_side` data cells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Dictionary {
+    /// 4 x 4 data cells, 50 tags.
     Aruco4x4_50,
+    /// 4 x 4 data cells, 100 tags.
     Aruco4x4_100,
+    /// 4 x 4 data cells, 250 tags.
     Aruco4x4_250,
+    /// 4 x 4 data cells, 1000 tags.
     Aruco4x4_1000,
+    /// 5 x 5 data cells, 50 tags.
     Aruco5x5_50,
+    /// 5 x 5 data cells, 100 tags.
     Aruco5x5_100,
+    /// 5 x 5 data cells, 250 tags.
     Aruco5x5_250,
+    /// 5 x 5 data cells, 1000 tags.
     Aruco5x5_1000,
+    /// 6 x 6 data cells, 50 tags.
     Aruco6x6_50,
+    /// 6 x 6 data cells, 100 tags.
     Aruco6x6_100,
+    /// 6 x 6 data cells, 250 tags.
     Aruco6x6_250,
+    /// 6 x 6 data cells, 1000 tags.
     Aruco6x6_1000,
+    /// 7 x 7 data cells, 50 tags.
     Aruco7x7_50,
+    /// 7 x 7 data cells, 100 tags.
     Aruco7x7_100,
+    /// 7 x 7 data cells, 250 tags.
     Aruco7x7_250,
+    /// 7 x 7 data cells, 1000 tags.
     Aruco7x7_1000,
+    /// The 5 x 5 tags of the first ArUco library.
     ArucoOriginal,
+    /// AprilRobotics' family 16h5.
     AprilTag16h5,
+    /// AprilRobotics' family 25h9.
     AprilTag25h9,
+    /// AprilRobotics' family 36h10.
     AprilTag36h10,
+    /// AprilRobotics' family 36h11.
     AprilTag36h11,
 }
 
@@ -146,7 +167,8 @@ mod tests {
             assert_eq!(dictionary as usize, place);
             assert_eq!(TABLE[place].0, dictionary);
             let name = dictionary.name();
-            for spelling in [name.to_owned(), name.to_uppercase(), format!("DICT_{name}"), short_name(name).to_owned()] {
+            for spelling in [name.to_owned(), name.to_uppercase(), format!("DICT_{name}"), short_name(name).to_owned()]
+            {
                 assert_eq!(Dictionary::parse(&spelling), Some(dictionary), "{spelling}");
             }
         }

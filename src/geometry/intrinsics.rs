@@ -196,8 +196,7 @@ impl Intrinsics {
             if error <= 1e-13 * (1.0 + distorted.norm()) {
                 break;
             }
-            let slope =
-                Matrix2::new(at.by_point[0][0], at.by_point[0][1], at.by_point[1][0], at.by_point[1][1]);
+            let slope = Matrix2::new(at.by_point[0][0], at.by_point[0][1], at.by_point[1][0], at.by_point[1][1]);
             let Some(inverse) = slope.try_inverse() else { return Err(UndistortError::OutsideDomain) };
             let step = inverse * residual;
             let mut scale = 1.0;
@@ -242,7 +241,11 @@ impl Intrinsics {
         let mut angle = bent.min(top);
         for _ in 0..100 {
             let residual = value(angle) - bent;
-            if residual > 0.0 { high = angle } else { low = angle }
+            if residual > 0.0 {
+                high = angle
+            } else {
+                low = angle
+            }
             let t2 = angle * angle;
             let slope = 1.0 + t2 * (3.0 * k[0] + t2 * (5.0 * k[1] + t2 * (7.0 * k[2] + t2 * 9.0 * k[3])));
             let next = angle - residual / slope;

@@ -293,9 +293,10 @@ impl Lens for KannalaBrandt {
         (by_parameter[0][0], by_parameter[0][2]) = (x * scale, 1.0);
         (by_parameter[1][1], by_parameter[1][3]) = (y * scale, 1.0);
         let mut power = angle * t / rho;
-        for place in 4..8 {
-            by_parameter[0][place] = p[0] * x * power;
-            by_parameter[1][place] = p[1] * y * power;
+        let [by_u, by_v] = &mut by_parameter;
+        for (u, v) in by_u[4..8].iter_mut().zip(&mut by_v[4..8]) {
+            *u = p[0] * x * power;
+            *v = p[1] * y * power;
             power *= t;
         }
         Some(Projection {

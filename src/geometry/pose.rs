@@ -117,7 +117,10 @@ impl Pose {
 impl Mul for Pose {
     type Output = Self;
     fn mul(self, right: Self) -> Self {
-        Self { rotation: self.rotation * right.rotation, translation: self.rotation * right.translation + self.translation }
+        Self {
+            rotation: self.rotation * right.rotation,
+            translation: self.rotation * right.translation + self.translation,
+        }
     }
 }
 

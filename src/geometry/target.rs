@@ -138,9 +138,8 @@ impl TargetGeometry {
             }
             (Self::Board { columns, rows, square, .. }, Feature::BoardCorner(index)) => {
                 let index = *index as usize;
-                (index < columns * rows).then(|| {
-                    Vector3::new((index % columns) as f64 * square, (index / columns) as f64 * square, 0.0)
-                })
+                (index < columns * rows)
+                    .then(|| Vector3::new((index % columns) as f64 * square, (index / columns) as f64 * square, 0.0))
             }
             (Self::Points(points), Feature::Point(name)) => points.iter().find(|(n, _)| n == name)?.1,
             _ => None,
@@ -151,7 +150,9 @@ impl TargetGeometry {
     #[must_use]
     pub fn has(&self, feature: &Feature) -> bool {
         match (self, feature) {
-            (Self::Tags(faces), Feature::TagCorner(id, corner)) => *corner < 4 && faces.iter().any(|face| face.id == *id),
+            (Self::Tags(faces), Feature::TagCorner(id, corner)) => {
+                *corner < 4 && faces.iter().any(|face| face.id == *id)
+            }
             (Self::Points(points), Feature::Point(name)) => points.iter().any(|(n, _)| n == name),
             _ => self.place(feature).is_some(),
         }

@@ -99,7 +99,9 @@ pub fn initialise(
     }
     let missing = growth.wanted();
     if !missing.is_empty() {
-        return Err(InitialiseError { edges: missing.into_iter().map(|edge| tree.static_edges[edge].key.clone()).collect() });
+        return Err(InitialiseError {
+            edges: missing.into_iter().map(|edge| tree.static_edges[edge].key.clone()).collect(),
+        });
     }
     growth.place_moving();
     let poses = growth.block_poses();
@@ -161,7 +163,8 @@ impl Growth<'_> {
                     for right in b.observations.iter().filter(|right| right.configuration == left.configuration) {
                         let pair = |x: &Pose, y: &Pose| if same_target { *x * y.inverse() } else { x.inverse() * *y };
                         let candidates = left.votes.candidates.iter();
-                        let candidates = candidates.flat_map(|x| right.votes.candidates.iter().map(move |y| pair(x, y)));
+                        let candidates =
+                            candidates.flat_map(|x| right.votes.candidates.iter().map(move |y| pair(x, y)));
                         observations.push(Observation {
                             configuration: left.configuration,
                             votes: Votes {
@@ -340,9 +343,13 @@ impl Growth<'_> {
                 .iter()
                 .map(|observation| {
                     let at = observation.configuration;
-                    let (before, after) = (self.product(&steps[..a], at).inverse(), self.product(&steps[d + 1..], at).inverse());
+                    let (before, after) =
+                        (self.product(&steps[..a], at).inverse(), self.product(&steps[d + 1..], at).inverse());
                     let candidates = observation.votes.candidates.iter().map(|z| before * *z * after).collect();
-                    HandEyeVote { robot: self.product(&steps[b + 1..c], at), votes: Votes { candidates, ..observation.votes.clone() } }
+                    HandEyeVote {
+                        robot: self.product(&steps[b + 1..c], at),
+                        votes: Votes { candidates, ..observation.votes.clone() },
+                    }
                 })
                 .collect();
             let stops = &relation.path.stops;
@@ -371,7 +378,9 @@ impl Growth<'_> {
             if self.points[index].spent {
                 continue;
             }
-            let Some([(a, b), (c, _)]) = self.runs(&self.points[index].path).as_deref().map(<[Run; 2]>::try_from).and_then(Result::ok) else {
+            let Some([(a, b), (c, _)]) =
+                self.runs(&self.points[index].path).as_deref().map(<[Run; 2]>::try_from).and_then(Result::ok)
+            else {
                 continue;
             };
             let first = &self.points[index].path;
@@ -433,7 +442,9 @@ impl Growth<'_> {
             for relation in &self.relations {
                 let steps = &relation.path.steps;
                 let mut moving = steps.iter().enumerate().filter(|(_, step)| matches!(step, Step::Moving { .. }));
-                let (Some((at, Step::Moving { edge: found, inverse })), None) = (moving.next(), moving.next()) else { continue };
+                let (Some((at, Step::Moving { edge: found, inverse })), None) = (moving.next(), moving.next()) else {
+                    continue;
+                };
                 if *found != edge {
                     continue;
                 }

@@ -25,10 +25,16 @@ pub(super) struct Observation {
 }
 
 /// The observations of a group: every block that shows enough for a pose.
-pub(super) fn observe(layout: &Layout, tree: &FrameTree, recording: &Recording, plan: &Plan, group: &Group) -> Vec<Observation> {
+pub(super) fn observe(
+    layout: &Layout,
+    tree: &FrameTree,
+    recording: &Recording,
+    plan: &Plan,
+    group: &Group,
+) -> Vec<Observation> {
     let stride = if group.compiled.moving.is_empty() { group.blocks.len().div_ceil(MOST_PICTURES).max(1) } else { 1 };
     let blocks: Vec<&Block> = group.blocks.iter().step_by(stride).collect();
-    let symmetries = board_of(layout, tree, group).map_or(Vec::new(), |geometry| half_turns(geometry));
+    let symmetries = board_of(layout, tree, group).map_or(Vec::new(), half_turns);
     let one = |block: &&Block| {
         let (candidates, weight): (Vec<Pose>, usize) = match group.kind {
             GroupKind::Corners { camera } => {
@@ -36,7 +42,8 @@ pub(super) fn observe(layout: &Layout, tree: &FrameTree, recording: &Recording, 
                 (picture_candidates(layout, tree, recording, plan, group, block, intrinsics), block.end - block.start)
             }
             GroupKind::Poses => {
-                let poses: Vec<Pose> = plan.measurements.poses[block.start..block.end].iter().flatten().copied().collect();
+                let poses: Vec<Pose> =
+                    plan.measurements.poses[block.start..block.end].iter().flatten().copied().collect();
                 (representatives(&poses), block.end - block.start)
             }
             GroupKind::Points => {
@@ -53,7 +60,10 @@ pub(super) fn observe(layout: &Layout, tree: &FrameTree, recording: &Recording, 
         } else {
             candidates.iter().flat_map(|pose| symmetries.iter().map(|turn| *pose * *turn)).collect()
         };
-        Some(Observation { configuration: block.configuration, votes: Votes { candidates, weight: weight as f64, distance } })
+        Some(Observation {
+            configuration: block.configuration,
+            votes: Votes { candidates, weight: weight as f64, distance },
+        })
     };
     blocks.par_iter().filter_map(one).collect()
 }
@@ -146,7 +156,9 @@ pub(super) fn renumber_boards(
 ) -> usize {
     let mut turned = 0;
     for (group_index, group) in plan.groups.clone().iter().enumerate() {
-        let (Some(geometry), GroupKind::Corners { camera }) = (board_of(layout, tree, group), group.kind) else { continue };
+        let (Some(geometry), GroupKind::Corners { camera }) = (board_of(layout, tree, group), group.kind) else {
+            continue;
+        };
         let Some(intrinsics) = &layout.cameras[camera].intrinsics else { continue };
         let maps = geometry.symmetries();
         for (block, pose) in group.blocks.iter().zip(&poses[group_index]) {
@@ -155,7 +167,9 @@ pub(super) fn renumber_boards(
                     range
                         .clone()
                         .map(|i| match &recording.corners[plan.measurements.corner_rows[i] as usize].feature {
-                            Feature::BoardCorner(index) => geometry.place(&Feature::BoardCorner(*map.get(*index as usize)?)),
+                            Feature::BoardCorner(index) => {
+                                geometry.place(&Feature::BoardCorner(*map.get(*index as usize)?))
+                            }
                             _ => None,
                         })
                         .collect()

@@ -72,13 +72,16 @@ fn flat_starts(
     x: &Vector3<f64>,
     y: &Vector3<f64>,
 ) -> Vec<UnitQuaternion<f64>> {
-    let plane: Vec<Vector2<f64>> = points.iter().map(|p| Vector2::new((p - centre).dot(x), (p - centre).dot(y))).collect();
+    let plane: Vec<Vector2<f64>> =
+        points.iter().map(|p| Vector2::new((p - centre).dot(x), (p - centre).dot(y))).collect();
     let target_from_plane = Matrix3::from_columns(&[*x, *y, x.cross(y)]);
     let rotations = homography(&plane, image).and_then(|h| plane_rotations(&h));
     rotations
         .into_iter()
         .flatten()
-        .filter_map(|camera_from_plane| rotation::nearest_rotation(&(camera_from_plane * target_from_plane.transpose())))
+        .filter_map(|camera_from_plane| {
+            rotation::nearest_rotation(&(camera_from_plane * target_from_plane.transpose()))
+        })
         .collect()
 }
 
@@ -112,10 +115,9 @@ fn with_translation(rotation: UnitQuaternion<f64>, points: &[Vector3<f64>], imag
     let (mut gram, mut right) = (Matrix3::zeros(), Vector3::zeros());
     for (point, at) in points.iter().zip(image) {
         let p = rotation * point;
-        for (row, value) in [
-            (Vector3::new(1.0, 0.0, -at.x), at.x * p.z - p.x),
-            (Vector3::new(0.0, 1.0, -at.y), at.y * p.z - p.y),
-        ] {
+        for (row, value) in
+            [(Vector3::new(1.0, 0.0, -at.x), at.x * p.z - p.x), (Vector3::new(0.0, 1.0, -at.y), at.y * p.z - p.y)]
+        {
             gram += row * row.transpose();
             right += row * value;
         }

@@ -1,12 +1,12 @@
 //! Reading cameras: entries of a layout and intrinsics files.
 
 use super::fields::{Fields, Gathered, shown};
+use super::images::ImagePattern;
 use super::model::Camera;
 use super::read::{Context, read_mount, read_text_file};
 use super::yaml::{self, Node, Value};
 use crate::complaint::{Complaint, list, nearest};
 use crate::geometry::{Intrinsics, LensModel};
-use super::images::ImagePattern;
 
 pub(super) fn read_camera(context: &Context<'_>, name: &str, node: &Node) -> Option<Camera> {
     let to = context.to;
@@ -69,7 +69,11 @@ pub(super) fn read_camera(context: &Context<'_>, name: &str, node: &Node) -> Opt
 
 fn read_refine(to: &Gathered<'_>, name: &str, node: &Node, model: LensModel) -> Option<Vec<usize>> {
     let Value::Sequence(items) = &node.value else {
-        return to.complain(node.line, format!("`refine` of camera `{name}` is {}", shown(node)), "write a list such as `[focal, centre]`");
+        return to.complain(
+            node.line,
+            format!("`refine` of camera `{name}` is {}", shown(node)),
+            "write a list such as `[focal, centre]`",
+        );
     };
     let mut wanted = Vec::new();
     for item in items {

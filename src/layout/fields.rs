@@ -116,11 +116,7 @@ impl<'a> Fields<'a> {
         if value > 0.0 {
             return Some(value);
         }
-        self.to.complain(
-            node.line,
-            format!("{what} of {} is {value}", self.what),
-            "it must be greater than zero",
-        )
+        self.to.complain(node.line, format!("{what} of {} is {value}", self.what), "it must be greater than zero")
     }
 
     /// A list of exactly `N` finite numbers.

@@ -5,8 +5,8 @@
 
 pub mod builtin;
 mod cameras;
-pub mod images;
 pub mod fields;
+pub mod images;
 pub mod model;
 mod names;
 pub(crate) mod poses;

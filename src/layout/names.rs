@@ -21,17 +21,38 @@ struct Thing<'a> {
 fn things(layout: &Layout) -> Vec<Thing<'_>> {
     let mut all = Vec::new();
     for c in &layout.cameras {
-        all.push(Thing { kind: "camera", name: &c.name, frame: c.name.clone(), line: c.line, mount: &c.mount, pose: &c.pose });
+        all.push(Thing {
+            kind: "camera",
+            name: &c.name,
+            frame: c.name.clone(),
+            line: c.line,
+            mount: &c.mount,
+            pose: &c.pose,
+        });
     }
     for r in &layout.robots {
         let frame = format!("{}.base", r.name);
         all.push(Thing { kind: "robot", name: &r.name, frame, line: r.line, mount: &r.mount, pose: &r.pose });
     }
     for s in &layout.sensors {
-        all.push(Thing { kind: "sensor", name: &s.name, frame: s.name.clone(), line: s.line, mount: &s.mount, pose: &s.pose });
+        all.push(Thing {
+            kind: "sensor",
+            name: &s.name,
+            frame: s.name.clone(),
+            line: s.line,
+            mount: &s.mount,
+            pose: &s.pose,
+        });
     }
     for t in &layout.targets {
-        all.push(Thing { kind: "target", name: &t.name, frame: t.name.clone(), line: t.line, mount: &t.mount, pose: &t.pose });
+        all.push(Thing {
+            kind: "target",
+            name: &t.name,
+            frame: t.name.clone(),
+            line: t.line,
+            mount: &t.mount,
+            pose: &t.pose,
+        });
     }
     all
 }
@@ -48,7 +69,11 @@ pub(super) fn check(to: &Gathered<'_>, layout: &Layout) {
             );
         }
         if thing.name == "world" {
-            to.complain::<()>(thing.line, format!("a {} is called `world`", thing.kind), "choose another name; `world: NAME` at the top says which frame is the world");
+            to.complain::<()>(
+                thing.line,
+                format!("a {} is called `world`", thing.kind),
+                "choose another name; `world: NAME` at the top says which frame is the world",
+            );
         }
         if let Some((kind, line)) = seen.insert(thing.name, (thing.kind, thing.line)) {
             to.complain::<()>(
@@ -128,7 +153,11 @@ fn check_world(to: &Gathered<'_>, layout: &Layout, things: &[Thing<'_>], owner: 
     let Some(&index) = owner.get(&layout.world) else {
         if layout.robots.iter().any(|robot| robot.name == layout.world) {
             let name = &layout.world;
-            to.complain::<()>(1, format!("the world is the robot `{name}`, which has several frames"), format!("write `world: {name}.base`"));
+            to.complain::<()>(
+                1,
+                format!("the world is the robot `{name}`, which has several frames"),
+                format!("write `world: {name}.base`"),
+            );
         }
         return;
     };
@@ -163,7 +192,11 @@ fn check_tags(to: &Gathered<'_>, layout: &Layout) {
             if let Some(other) = seen.insert((dictionary.family(), id), &target.name) {
                 to.complain::<()>(
                     target.line,
-                    format!("tag {id} of `{}` is on target `{other}` and on target `{}`", dictionary.name(), target.name),
+                    format!(
+                        "tag {id} of `{}` is on target `{other}` and on target `{}`",
+                        dictionary.name(),
+                        target.name
+                    ),
                     "print one of the two with another id",
                 );
                 break;

@@ -124,7 +124,8 @@ pub(crate) fn checked_unit(q: Quaternion<f64>) -> Option<UnitQuaternion<f64>> {
 fn read_matrix(fields: &Fields<'_>, node: &Node) -> Option<UnitQuaternion<f64>> {
     let rows: Vec<f64> = match &node.value {
         Value::Sequence(rows) if rows.len() == 3 => {
-            let rows: Option<Vec<[f64; 3]>> = rows.iter().map(|row| fields.numbers::<3>(row, "a row of `matrix`")).collect();
+            let rows: Option<Vec<[f64; 3]>> =
+                rows.iter().map(|row| fields.numbers::<3>(row, "a row of `matrix`")).collect();
             rows?.concat()
         }
         _ => fields.numbers::<9>(node, "`matrix`")?.to_vec(),
@@ -136,7 +137,9 @@ fn read_matrix(fields: &Fields<'_>, node: &Node) -> Option<UnitQuaternion<f64>> 
         let remedy = if matrix.determinant() < 0.0 {
             "it mirrors (determinant -1): check the signs of one axis".to_owned()
         } else {
-            format!("its columns miss length 1 or right angles by {defect:.3}: check for scale, units or a typing error")
+            format!(
+                "its columns miss length 1 or right angles by {defect:.3}: check for scale, units or a typing error"
+            )
         };
         return fields.to.complain(node.line, what, remedy);
     }

@@ -179,7 +179,11 @@ fn read_sensor(context: &Context<'_>, name: &str, node: &Node) -> Option<Sensor>
     let fields = Fields::open(context.to, node, format!("sensor `{name}`"))?;
     let measures = fields.require("measures", "points").and_then(|node| match node.text() {
         Some("points") => Some(()),
-        _ => context.to.complain(node.line, format!("sensor `{name}` measures something unknown"), "write `measures: points`"),
+        _ => context.to.complain(
+            node.line,
+            format!("sensor `{name}` measures something unknown"),
+            "write `measures: points`",
+        ),
     });
     let mount = read_mount(&fields);
     let pose = context.read_pose_of(&fields);
@@ -251,13 +255,14 @@ fn read_loss(to: &Gathered<'_>, node: &Node) -> Option<LossSetting> {
     }
     let fields = Fields::open(to, node, "`loss`")?;
     let mut found = Vec::new();
-    let kinds: [(&'static str, fn(f64) -> LossSetting); 3] =
-        [("huber", LossSetting::Huber), ("cauchy", LossSetting::Cauchy), ("tukey", LossSetting::Tukey)];
-    for (key, make) in kinds {
+    let mut read = |key: &'static str, make: fn(f64) -> LossSetting| {
         if let Some(node) = fields.get(key) {
             found.push(fields.positive(node, key).map(make));
         }
-    }
+    };
+    read("huber", LossSetting::Huber);
+    read("cauchy", LossSetting::Cauchy);
+    read("tukey", LossSetting::Tukey);
     let line = fields.line;
     fields.finish();
     match found[..] {
@@ -269,7 +274,11 @@ fn read_loss(to: &Gathered<'_>, node: &Node) -> Option<LossSetting> {
 /// The standard deviations that a solution carries, so that it can be compared.
 fn read_solved(to: &Gathered<'_>, node: &Node) -> Option<Vec<SolvedPose>> {
     let Value::Mapping(entries) = &node.value else {
-        return to.complain(node.line, "`solution` is no mapping", "it is written by `cellmap solve`; leave it as it was");
+        return to.complain(
+            node.line,
+            "`solution` is no mapping",
+            "it is written by `cellmap solve`; leave it as it was",
+        );
     };
     let Some((_, _, poses)) = entries.iter().find(|(key, _, _)| key == "poses") else { return Some(Vec::new()) };
     let poses = Fields::open(to, poses, "the poses of the solution")?;

@@ -117,11 +117,18 @@ fn read_corrections(to: &Gathered<'_>, name: &str, node: &Node, motion: &Motion,
             remedy,
         );
     }
-    let rows: Option<Vec<Vec<f64>>> = rows.iter().map(|row| super::fields::number_list(to, row, &format!("a correction of robot `{name}`"))).collect();
+    let rows: Option<Vec<Vec<f64>>> = rows
+        .iter()
+        .map(|row| super::fields::number_list(to, row, &format!("a correction of robot `{name}`")))
+        .collect();
     let mut values = Vec::new();
     for (row, link) in rows?.iter().zip(&chain.links) {
         let [offset, d, a, alpha] = row[..] else {
-            return to.complain(node.line, format!("a row of the corrections of robot `{name}` has {} numbers", row.len()), remedy);
+            return to.complain(
+                node.line,
+                format!("a row of the corrections of robot `{name}` has {} numbers", row.len()),
+                remedy,
+            );
         };
         let scale = if link.joint == JointKind::Revolute { units.angle } else { units.length };
         values.extend([offset * scale, d * units.length, a * units.length, alpha * units.angle]);
@@ -137,7 +144,9 @@ fn read_model(context: &Context<'_>, name: &str, node: &Node) -> Option<(Chain, 
             let known = builtin::robot_names();
             let remedy = match nearest(text, known.clone()) {
                 Some(meant) => format!("did you mean `{meant}`?"),
-                None => format!("built in are {}; or give `{{mdh: FILE}}` or `{{urdf: FILE, base:, tip:}}`", list(known)),
+                None => {
+                    format!("built in are {}; or give `{{mdh: FILE}}` or `{{urdf: FILE, base:, tip:}}`", list(known))
+                }
             };
             return to.complain(node.line, format!("robot `{name}` has the unknown model `{text}`"), remedy);
         };
@@ -232,7 +241,11 @@ fn parse_model_node(to: &Gathered<'_>, root: &Node, expected: Option<&str>) -> O
     let convention = fields.require("convention", "mdh").and_then(|node| {
         let text = fields.text(node, "`convention`")?;
         if !["mdh", "dh"].contains(&text) {
-            return to.complain(node.line, format!("the convention is `{text}`"), "it is `mdh` (Craig) or `dh` (classic)");
+            return to.complain(
+                node.line,
+                format!("the convention is `{text}`"),
+                "it is `mdh` (Craig) or `dh` (classic)",
+            );
         }
         match expected {
             Some(expected) if expected != text => to.complain(
@@ -263,16 +276,19 @@ fn parse_model_node(to: &Gathered<'_>, root: &Node, expected: Option<&str>) -> O
         .enumerate()
         .map(|(index, row)| {
             let fields = Fields::open(to, row, format!("joint {}", index + 1))?;
-            let mut read = |key: &'static str, scale: f64| {
+            let read = |key: &'static str, scale: f64| {
                 fields.require(key, "0").and_then(|node| fields.number(node, key)).map(|value| value * scale)
             };
-            let numbers = [read("alpha", units.angle), read("a", units.length), read("theta", units.angle), read("d", units.length)];
+            let numbers = [
+                read("alpha", units.angle),
+                read("a", units.length),
+                read("theta", units.angle),
+                read("d", units.length),
+            ];
             let joint = match fields.get("type").map(|node| (node.line, node.text())) {
                 None | Some((_, Some("revolute"))) => Some(JointKind::Revolute),
                 Some((_, Some("prismatic"))) => Some(JointKind::Prismatic),
-                Some((line, _)) => {
-                    to.complain(line, "this joint's type is unknown", "it is `revolute` or `prismatic`")
-                }
+                Some((line, _)) => to.complain(line, "this joint's type is unknown", "it is `revolute` or `prismatic`"),
             };
             fields.finish();
             let [alpha, a, theta, d] = numbers;

@@ -87,7 +87,11 @@ fn read_dictionary(fields: &Fields<'_>) -> Option<Dictionary> {
 
 fn read_ids(fields: &Fields<'_>, node: &Node, dictionary: Option<Dictionary>) -> Option<Vec<u32>> {
     let Value::Sequence(items) = &node.value else {
-        return fields.to.complain(node.line, format!("`ids` of {} is {}", fields.what, node.kind()), "write a list such as `[40, 41]`");
+        return fields.to.complain(
+            node.line,
+            format!("`ids` of {} is {}", fields.what, node.kind()),
+            "write a list such as `[40, 41]`",
+        );
     };
     if items.is_empty() {
         return fields.to.complain(node.line, format!("`ids` of {} is empty", fields.what), "name at least one tag");
@@ -96,7 +100,12 @@ fn read_ids(fields: &Fields<'_>, node: &Node, dictionary: Option<Dictionary>) ->
     items.iter().map(|item| fields.whole(item, "a tag id", 0, most)).collect()
 }
 
-fn read_tags(context: &Context<'_>, name: &str, node: &Node, unknown: bool) -> Option<(TargetGeometry, Option<Pattern>)> {
+fn read_tags(
+    context: &Context<'_>,
+    name: &str,
+    node: &Node,
+    unknown: bool,
+) -> Option<(TargetGeometry, Option<Pattern>)> {
     let (to, units) = (context.to, context.units);
     let fields = Fields::open(to, node, format!("`tags` of target `{name}`"))?;
     let dictionary = read_dictionary(&fields);
@@ -104,9 +113,7 @@ fn read_tags(context: &Context<'_>, name: &str, node: &Node, unknown: bool) -> O
     let ids = fields.get("ids").map(|node| read_ids(&fields, node, dictionary));
     let (file, grid, cube, places) = (fields.get("file"), fields.get("grid"), fields.get("cube"), fields.get("places"));
     let geometry = match (file.or(places), grid, cube, ids) {
-        (Some(node), None, None, None) if places.is_some() => {
-            read_places(to, node, units).map(TargetGeometry::Tags)
-        }
+        (Some(node), None, None, None) if places.is_some() => read_places(to, node, units).map(TargetGeometry::Tags),
         (Some(node), None, None, None) => {
             let path = context.resolve(fields.text(node, "`file`")?);
             let text = read_text_file(to, node.line, &path)?;
@@ -149,7 +156,11 @@ fn read_tags(context: &Context<'_>, name: &str, node: &Node, unknown: bool) -> O
     let mut seen = ids.clone();
     seen.sort_unstable();
     if let Some(pair) = seen.windows(2).find(|pair| pair[0] == pair[1]) {
-        return to.complain(node.line, format!("target `{name}` has tag {} twice", pair[0]), "give every tag its own id");
+        return to.complain(
+            node.line,
+            format!("target `{name}` has tag {} twice", pair[0]),
+            "give every tag its own id",
+        );
     }
     Some((geometry, Some(Pattern::Tags { dictionary, ids })))
 }
@@ -187,15 +198,28 @@ fn read_cube(
     fields.finish();
     let (edge, size, ids) = (edge?, size?, ids?);
     if ids.len() > 6 {
-        return to.complain(line, format!("the cube of target `{name}` has {} tags", ids.len()), "a cube has six faces");
+        return to.complain(
+            line,
+            format!("the cube of target `{name}` has {} tags", ids.len()),
+            "a cube has six faces",
+        );
     }
     if size > edge {
-        return to.complain(line, format!("the tags of cube `{name}` are larger than its faces"), "`size` must not exceed `edge`");
+        return to.complain(
+            line,
+            format!("the tags of cube `{name}` are larger than its faces"),
+            "`size` must not exceed `edge`",
+        );
     }
     Some(TargetGeometry::cube(edge * units.length, size * units.length, &ids))
 }
 
-fn read_checkerboard(to: &Gathered<'_>, name: &str, node: &Node, units: Units) -> Option<(TargetGeometry, Option<Pattern>)> {
+fn read_checkerboard(
+    to: &Gathered<'_>,
+    name: &str,
+    node: &Node,
+    units: Units,
+) -> Option<(TargetGeometry, Option<Pattern>)> {
     let fields = Fields::open(to, node, format!("`checkerboard` of target `{name}`"))?;
     let corners = fields.require("corners", "[8, 5]").and_then(|node| fields.counts::<2>(node, "`corners`"));
     let square = fields.require("square", "30").and_then(|node| fields.positive(node, "`square`"));
@@ -203,7 +227,11 @@ fn read_checkerboard(to: &Gathered<'_>, name: &str, node: &Node, units: Units) -
     fields.finish();
     let ([columns, rows], square) = (corners?.map(|count| count as usize), square?);
     if columns.min(rows) < 2 {
-        return to.complain(line, format!("the checkerboard `{name}` has fewer than 2 x 2 inner corners"), "count the corners between squares, not the squares");
+        return to.complain(
+            line,
+            format!("the checkerboard `{name}` has fewer than 2 x 2 inner corners"),
+            "count the corners between squares, not the squares",
+        );
     }
     let geometry = TargetGeometry::Board { columns, rows, square: square * units.length, numbered: false };
     Some((geometry, Some(Pattern::Checkerboard { columns, rows })))
@@ -219,10 +247,18 @@ fn read_charuco(to: &Gathered<'_>, name: &str, node: &Node, units: Units) -> Opt
     fields.finish();
     let (squares, square, marker, dictionary) = (squares?, square?, marker?, dictionary?);
     if squares[0].min(squares[1]) < 2 {
-        return to.complain(line, format!("the ChArUco board `{name}` has fewer than 2 x 2 squares"), "count squares, not corners");
+        return to.complain(
+            line,
+            format!("the ChArUco board `{name}` has fewer than 2 x 2 squares"),
+            "count squares, not corners",
+        );
     }
     if marker >= square {
-        return to.complain(line, format!("the markers of `{name}` are not smaller than its squares"), "`marker` must be less than `square`");
+        return to.complain(
+            line,
+            format!("the markers of `{name}` are not smaller than its squares"),
+            "`marker` must be less than `square`",
+        );
     }
     let squares = squares.map(|count| count as usize);
     let square = square * units.length;
@@ -231,7 +267,12 @@ fn read_charuco(to: &Gathered<'_>, name: &str, node: &Node, units: Units) -> Opt
     Some((geometry, Some(Pattern::Charuco { squares, square, marker, dictionary, first_id: 0 })))
 }
 
-fn read_april_grid(to: &Gathered<'_>, name: &str, node: &Node, units: Units) -> Option<(TargetGeometry, Option<Pattern>)> {
+fn read_april_grid(
+    to: &Gathered<'_>,
+    name: &str,
+    node: &Node,
+    units: Units,
+) -> Option<(TargetGeometry, Option<Pattern>)> {
     let fields = Fields::open(to, node, format!("`april_grid` of target `{name}`"))?;
     let count = |key: &'static str| fields.require(key, "6").and_then(|node| fields.whole(node, key, 1, 100));
     let (columns, rows) = (count("columns"), count("rows"));
@@ -274,7 +315,11 @@ fn read_points(to: &Gathered<'_>, name: &str, node: &Node, units: Units) -> Opti
         .collect();
     let points = points?;
     if points.is_empty() {
-        return to.complain(node.line, format!("target `{name}` has no points"), "write `{tip: [0, 0, 10]}` or `{tip: unknown}`");
+        return to.complain(
+            node.line,
+            format!("target `{name}` has no points"),
+            "write `{tip: [0, 0, 10]}` or `{tip: unknown}`",
+        );
     }
     Some((TargetGeometry::Points(points), None))
 }
@@ -333,9 +378,9 @@ fn read_places(to: &Gathered<'_>, node: &Node, units: Units) -> Option<Vec<TagFa
             let fields = Fields::open(to, node, "a tag")?;
             let id = fields.require("id", "0").and_then(|node| fields.whole(node, "`id`", 0, 1_000_000));
             let size = fields.require("size", "70").and_then(|node| fields.positive(node, "`size`"));
-            let pose = fields.require("pose", "{xyz: [0, 0, 0], rpy: [0, 0, 0]}").and_then(|node| {
-                read_pose(to, node, &format!("the pose of tag {}", id.unwrap_or(0)), units)
-            });
+            let pose = fields
+                .require("pose", "{xyz: [0, 0, 0], rpy: [0, 0, 0]}")
+                .and_then(|node| read_pose(to, node, &format!("the pose of tag {}", id.unwrap_or(0)), units));
             fields.finish();
             Some(TagFace { id: id?, size: size? * units.length, target_from_tag: Some(pose?) })
         })

@@ -96,7 +96,11 @@ pub fn parse(text: &str) -> Result<Rc<Node>, YamlError> {
     let mut documents = 0;
     for event in Parser::new_from_str(text) {
         let (event, span) = event.map_err(|e| {
-            error(e.marker().line(), format!("this is not YAML: {}", e.info()), "check indentation, brackets and quotes here")
+            error(
+                e.marker().line(),
+                format!("this is not YAML: {}", e.info()),
+                "check indentation, brackets and quotes here",
+            )
         })?;
         let line = span.start.line();
         let (node, anchor) = match event {

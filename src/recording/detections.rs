@@ -71,7 +71,10 @@ pub fn read_detections(path: &Path, layout: &Layout) -> Result<Vec<CornerRow>, I
             Some(columns) if !row.text(columns[0])?.is_empty() => {
                 let [suu, suv, svv] = row.numbers(columns)?;
                 if suu <= 0.0 || svv <= 0.0 || suu * svv - suv * suv <= 0.0 {
-                    return Err(row.complaint("the covariance is not positive definite", "suu and svv must be positive and suu svv > suv^2"));
+                    return Err(row.complaint(
+                        "the covariance is not positive definite",
+                        "suu and svv must be positive and suu svv > suv^2",
+                    ));
                 }
                 Some([suu, suv, svv])
             }
@@ -107,8 +110,9 @@ fn feature_of(geometry: &TargetGeometry, tag: &str, corner: u64) -> Option<Featu
     match geometry {
         TargetGeometry::None => None,
         TargetGeometry::Tags(_) => Some(Feature::TagCorner(tag.parse().ok()?, u8::try_from(corner).ok()?)),
-        TargetGeometry::Board { .. } => tag.is_empty().then_some(())
-            .and_then(|()| Some(Feature::BoardCorner(u32::try_from(corner).ok()?))),
+        TargetGeometry::Board { .. } => {
+            tag.is_empty().then_some(()).and_then(|()| Some(Feature::BoardCorner(u32::try_from(corner).ok()?)))
+        }
         TargetGeometry::Points(_) => (corner == 0).then(|| Feature::Point(tag.to_owned())),
     }
 }

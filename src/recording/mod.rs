@@ -162,7 +162,14 @@ impl Recording {
     /// What lies between two places of a robot's chain at a configuration (`from < to`, see [`crate::robot::Chain::flange_place`]), with nominal
     /// links; `None` where the robot was not recorded. A robot known by flange poses has the places 0 and 1 only.
     #[must_use]
-    pub fn robot_segment(&self, layout: &Layout, robot: usize, configuration: u64, from: usize, to: usize) -> Option<Pose> {
+    pub fn robot_segment(
+        &self,
+        layout: &Layout,
+        robot: usize,
+        configuration: u64,
+        from: usize,
+        to: usize,
+    ) -> Option<Pose> {
         match (self.motions.get(robot)?, &layout.robots[robot].motion) {
             (RobotMotion::Joints(values), Motion::Joints { chain, .. }) => {
                 values.get(&configuration).map(|joints| chain.segment(joints, &[], from, to))

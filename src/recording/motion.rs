@@ -55,10 +55,12 @@ pub fn read_joints(path: &Path, layout: &Layout, index: usize) -> Result<JointVa
             JointKind::Revolute => layout.units.angle,
             JointKind::Prismatic => layout.units.length,
         };
-        let joints: Result<Vec<f64>, InputError> =
-            (0..count).map(|i| Ok(row.number(columns[i])? * scale(i))).collect();
+        let joints: Result<Vec<f64>, InputError> = (0..count).map(|i| Ok(row.number(columns[i])? * scale(i))).collect();
         if values.insert(id, joints?).is_some() {
-            return Err(row.complaint(format!("configuration {id} of robot `{}` is given twice", robot.name), "keep one of the lines"));
+            return Err(row.complaint(
+                format!("configuration {id} of robot `{}` is given twice", robot.name),
+                "keep one of the lines",
+            ));
         }
     }
     not_empty(path, &robot.name, values.is_empty())?;
@@ -84,7 +86,9 @@ pub fn read_flange_poses(path: &Path, layout: &Layout, index: usize) -> Result<F
         let id = row.whole(configuration)?;
         let pose = pose_of(&row, row.numbers(columns)?, layout.units)?;
         if poses.insert(id, pose).is_some() {
-            return Err(row.complaint(format!("configuration {id} of robot `{robot}` is given twice"), "keep one of the lines"));
+            return Err(
+                row.complaint(format!("configuration {id} of robot `{robot}` is given twice"), "keep one of the lines")
+            );
         }
     }
     not_empty(path, robot, poses.is_empty())?;

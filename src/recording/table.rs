@@ -45,7 +45,15 @@ impl Table {
             csv::ReaderBuilder::new().flexible(true).trim(csv::Trim::All).buffer_capacity(1 << 16).from_reader(file);
         let header: Vec<String> = match reader.headers() {
             Ok(header) => header.iter().map(|name| name.trim_start_matches('\u{feff}').to_owned()).collect(),
-            Err(e) => return Err(Complaint::at(path, 1, format!("the header cannot be read: {e}"), "save the file as UTF-8 text").into()),
+            Err(e) => {
+                return Err(Complaint::at(
+                    path,
+                    1,
+                    format!("the header cannot be read: {e}"),
+                    "save the file as UTF-8 text",
+                )
+                .into());
+            }
         };
         for name in required {
             if !header.iter().any(|known| known == name) {
@@ -112,9 +120,9 @@ impl<'a> Row<'a> {
     /// The text of a cell, trimmed; empty if there is none.
     pub fn text(&self, column: usize) -> Result<&'a str, InputError> {
         let bytes = self.table.record.get(column).unwrap_or_default();
-        std::str::from_utf8(bytes)
-            .map(str::trim)
-            .map_err(|_| self.complaint(format!("the {} is not text", self.name(column)), "save the file as UTF-8 text"))
+        std::str::from_utf8(bytes).map(str::trim).map_err(|_| {
+            self.complaint(format!("the {} is not text", self.name(column)), "save the file as UTF-8 text")
+        })
     }
 
     /// A finite number.
@@ -142,8 +150,9 @@ impl<'a> Row<'a> {
     /// A whole number of at least zero.
     pub fn whole(&self, column: usize) -> Result<u64, InputError> {
         let text = self.text(column)?;
-        text.parse::<u64>()
-            .map_err(|_| self.complaint(format!("{} is `{text}`", self.name(column)), "it must be a whole number of at least 0"))
+        text.parse::<u64>().map_err(|_| {
+            self.complaint(format!("{} is `{text}`", self.name(column)), "it must be a whole number of at least 0")
+        })
     }
 
     /// The place of a cell's text among `names`.

@@ -174,7 +174,10 @@ fn find_point(row: &Row<'_>, layout: &Layout, name: &str) -> Result<(usize, Feat
             ))
         }
         [first, second, ..] => Err(row.complaint(
-            format!("the point `{name}` is on `{}` and on `{}`", layout.targets[first].name, layout.targets[second].name),
+            format!(
+                "the point `{name}` is on `{}` and on `{}`",
+                layout.targets[first].name, layout.targets[second].name
+            ),
             format!("write `{}.{name}`", layout.targets[first].name),
         )),
     }

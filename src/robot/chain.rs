@@ -262,7 +262,9 @@ impl Chain {
                 LinkShape::Urdf { origin, axis } => {
                     *origin = *origin * Pose::from_translation(0.0, 0.0, own[1]) * rot_x(own[3]);
                     *origin = *origin * Pose::from_translation(own[2], 0.0, 0.0);
-                    *origin = *origin * Pose::from_rotation_vector(&(*axis * turn)) * Pose::new(Default::default(), *axis * slide);
+                    *origin = *origin
+                        * Pose::from_rotation_vector(&(*axis * turn))
+                        * Pose::new(Default::default(), *axis * slide);
                 }
             }
         }

@@ -46,7 +46,13 @@ impl<'a> Cell<'a> {
     /// The pixel of a point that lies on a face looking along `normal` (both in the camera's frame), if the camera sees it: in front, not too slanted, in the
     /// picture with `margin` pixels to spare.
     #[must_use]
-    pub fn sees(&self, intrinsics: &Intrinsics, point: &Vector3<f64>, normal: Option<&Vector3<f64>>, margin: f64) -> Option<Vector2<f64>> {
+    pub fn sees(
+        &self,
+        intrinsics: &Intrinsics,
+        point: &Vector3<f64>,
+        normal: Option<&Vector3<f64>>,
+        margin: f64,
+    ) -> Option<Vector2<f64>> {
         if let Some(normal) = normal
             && normal.angle(&-point) > SLANTED
         {

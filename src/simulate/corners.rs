@@ -47,7 +47,12 @@ pub fn corners(cell: &Cell<'_>, configurations: &[u64], noise: CornerNoise) -> V
 }
 
 /// The features of a target that a camera sees, whole tags and whole boards only.
-fn visible(cell: &Cell<'_>, intrinsics: &Intrinsics, camera_from_target: &Pose, target: usize) -> Vec<(Feature, [f64; 2])> {
+fn visible(
+    cell: &Cell<'_>,
+    intrinsics: &Intrinsics,
+    camera_from_target: &Pose,
+    target: usize,
+) -> Vec<(Feature, [f64; 2])> {
     let mut found = Vec::new();
     match &cell.layout.targets[target].geometry {
         TargetGeometry::None => {}
@@ -61,7 +66,8 @@ fn visible(cell: &Cell<'_>, intrinsics: &Intrinsics, camera_from_target: &Pose, 
                     .map(|corner| cell.sees(intrinsics, &(camera_from_tag * *corner), Some(&normal), MARGIN))
                     .collect();
                 let pixels = pixels.unwrap_or_default();
-                found.extend(pixels.iter().enumerate().map(|(i, p)| (Feature::TagCorner(face.id, i as u8), [p.x, p.y])));
+                found
+                    .extend(pixels.iter().enumerate().map(|(i, p)| (Feature::TagCorner(face.id, i as u8), [p.x, p.y])));
             }
         }
         TargetGeometry::Board { columns, rows, square, .. } => {
@@ -78,7 +84,8 @@ fn visible(cell: &Cell<'_>, intrinsics: &Intrinsics, camera_from_target: &Pose, 
         }
         TargetGeometry::Points(points) => {
             for (name, place) in points {
-                if let Some(pixel) = place.and_then(|p| cell.sees(intrinsics, &(*camera_from_target * p), None, MARGIN)) {
+                if let Some(pixel) = place.and_then(|p| cell.sees(intrinsics, &(*camera_from_target * p), None, MARGIN))
+                {
                     found.push((Feature::Point(name.clone()), [pixel.x, pixel.y]));
                 }
             }

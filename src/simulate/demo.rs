@@ -4,12 +4,11 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
-use std::io::Write;
 use std::path::Path;
 
 use super::cell::Cell;
 use super::corners::{CornerNoise, corners};
-use super::picture::{Plate, PictureNoise, png, render};
+use super::picture::{PictureNoise, Plate, png, render};
 use crate::geometry::{Feature, Pose};
 use crate::layout::images::ImagePattern;
 use crate::layout::{Layout, Motion};
@@ -46,7 +45,8 @@ pub fn path(layout: &Layout, seed: u64) -> BTreeMap<u64, Vec<f64>> {
         if stops.len() == STOPS {
             break;
         }
-        let joints: Vec<f64> = MIDDLE.iter().zip(STRAY).map(|(q, stray)| q + random.random_range(-stray..stray)).collect();
+        let joints: Vec<f64> =
+            MIDDLE.iter().zip(STRAY).map(|(q, stray)| q + random.random_range(-stray..stray)).collect();
         let motion = RobotMotion::Joints(BTreeMap::from([(0, joints.clone())]));
         let recording = Recording { motions: vec![motion], ..Recording::default() };
         let cell = Cell::new(layout, &recording);
@@ -62,7 +62,7 @@ pub fn path(layout: &Layout, seed: u64) -> BTreeMap<u64, Vec<f64>> {
         };
         let tool = count("left", 20..30).max(count("right", 20..30)) >= 2;
         let table = count("wrist", 0..20) >= 4;
-        if above && tool && (table || stops.len() % 2 == 0) {
+        if above && tool && (table || stops.len().is_multiple_of(2)) {
             stops.insert(stops.len() as u64 + 1, joints);
         }
     }

@@ -56,7 +56,8 @@ pub fn plates<E>(
 ) -> Result<Vec<Plate>, E> {
     let mut plates = Vec::new();
     for (target, frame) in cell.layout.targets.iter().zip(&cell.tree.targets) {
-        let (TargetGeometry::Tags(faces), Some(Pattern::Tags { dictionary, .. })) = (&target.geometry, &target.pattern) else {
+        let (TargetGeometry::Tags(faces), Some(Pattern::Tags { dictionary, .. })) = (&target.geometry, &target.pattern)
+        else {
             continue;
         };
         for face in faces {
@@ -94,7 +95,13 @@ struct Placed<'a> {
 
 /// The picture that a camera takes at a configuration; `None` if the camera has no lens or is not placed.
 #[must_use]
-pub fn render(cell: &Cell<'_>, plates: &[Plate], camera: usize, configuration: u64, noise: PictureNoise) -> Option<GreyPicture> {
+pub fn render(
+    cell: &Cell<'_>,
+    plates: &[Plate],
+    camera: usize,
+    configuration: u64,
+    noise: PictureNoise,
+) -> Option<GreyPicture> {
     let intrinsics = cell.layout.cameras[camera].intrinsics.as_ref()?;
     let [width, height] = intrinsics.size().map(|n| n as usize);
     let mut grey: Vec<f64> = (0..width * height).map(|i| backdrop(i % width, i / width)).collect();
@@ -113,7 +120,8 @@ pub fn render(cell: &Cell<'_>, plates: &[Plate], camera: usize, configuration: u
         }
     }
     let mut grey = blur(&grey, width, height, noise.blur);
-    let mut random = ChaCha8Rng::seed_from_u64(noise.seed ^ configuration.wrapping_mul(0x9e37_79b9) ^ ((camera as u64) << 40));
+    let mut random =
+        ChaCha8Rng::seed_from_u64(noise.seed ^ configuration.wrapping_mul(0x9e37_79b9) ^ ((camera as u64) << 40));
     for value in &mut grey {
         let draw: f64 = StandardNormal.sample(&mut random);
         *value += noise.grey * draw;
@@ -121,7 +129,13 @@ pub fn render(cell: &Cell<'_>, plates: &[Plate], camera: usize, configuration: u
     GreyPicture::new(width, height, grey.into_iter().map(|value| value.round().clamp(0.0, 255.0) as u8).collect())
 }
 
-fn place<'a>(cell: &Cell<'_>, intrinsics: &Intrinsics, plate: &'a Plate, camera: usize, configuration: u64) -> Option<Placed<'a>> {
+fn place<'a>(
+    cell: &Cell<'_>,
+    intrinsics: &Intrinsics,
+    plate: &'a Plate,
+    camera: usize,
+    configuration: u64,
+) -> Option<Placed<'a>> {
     let camera_from_tag = cell.pose(cell.tree.cameras[camera], plate.frame, configuration)? * plate.frame_from_tag;
     let normal = camera_from_tag.rotation * Vector3::z();
     if normal.dot(&camera_from_tag.translation) >= 0.0 {
@@ -155,10 +169,13 @@ fn pixel(intrinsics: &Intrinsics, near: &[&Placed<'_>], column: usize, row: usiz
     for j in 0..RAYS {
         for i in 0..RAYS {
             let at = Vector2::new(column as f64 + offset(i), row as f64 + offset(j));
-            sum += intrinsics.ray(&at).map_or_else(|_| backdrop(column, row), |ray| {
-                let hits = near.iter().filter_map(|placed| hit(placed, &ray));
-                hits.min_by(|a, b| a.0.total_cmp(&b.0)).map_or_else(|| backdrop(column, row), |(_, value)| value)
-            });
+            sum += intrinsics.ray(&at).map_or_else(
+                |_| backdrop(column, row),
+                |ray| {
+                    let hits = near.iter().filter_map(|placed| hit(placed, &ray));
+                    hits.min_by(|a, b| a.0.total_cmp(&b.0)).map_or_else(|| backdrop(column, row), |(_, value)| value)
+                },
+            );
         }
     }
     sum / (RAYS * RAYS) as f64
@@ -169,7 +186,8 @@ fn hit(placed: &Placed<'_>, ray: &Vector3<f64>) -> Option<(f64, f64)> {
     let origin = placed.tag_from_camera.translation;
     let direction = placed.tag_from_camera.rotation * ray;
     let distance = -origin.z / direction.z;
-    if !(distance > 0.0) {
+    // A ray along the plate has an infinite distance or none.
+    if !distance.is_finite() || distance <= 0.0 {
         return None;
     }
     let (x, y) = (origin.x + distance * direction.x, origin.y + distance * direction.y);
@@ -206,7 +224,8 @@ fn blur(grey: &[f64], width: usize, height: usize, sigma: f64) -> Vec<f64> {
             for column in 0..width {
                 let mut sum = 0.0;
                 for (weight, i) in weights.iter().zip(-reach..=reach) {
-                    let (c, r) = if horizontal { (column as i64 + i, row as i64) } else { (column as i64, row as i64 + i) };
+                    let (c, r) =
+                        if horizontal { (column as i64 + i, row as i64) } else { (column as i64, row as i64 + i) };
                     let (c, r) = (c.clamp(0, width as i64 - 1) as usize, r.clamp(0, height as i64 - 1) as usize);
                     sum += weight * from[r * width + c];
                 }

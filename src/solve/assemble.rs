@@ -109,7 +109,8 @@ impl<'a> Assembler<'a> {
 
     fn cut_units(&self) -> Vec<Unit> {
         let mut units = Vec::new();
-        for (index, group) in self.plan.groups.iter().enumerate().filter(|(_, group)| group.compiled.moving.is_empty()) {
+        for (index, group) in self.plan.groups.iter().enumerate().filter(|(_, group)| group.compiled.moving.is_empty())
+        {
             let width = self.width(group);
             let mut start = 0;
             while start < group.blocks.len() {
@@ -206,7 +207,9 @@ impl<'a> Assembler<'a> {
     #[must_use]
     pub fn moved(&self) -> Vec<Vec<usize>> {
         let edges = self.local.iter().flat_map(|unit| unit.edges.iter()).max().map_or(0, |edge| edge + 1);
-        let at = |edge: usize| self.local.iter().filter(move |unit| unit.edges.contains(&edge)).map(|unit| unit.configuration);
+        let at = |edge: usize| {
+            self.local.iter().filter(move |unit| unit.edges.contains(&edge)).map(|unit| unit.configuration)
+        };
         (0..edges).map(|edge| at(edge).collect()).collect()
     }
 
@@ -295,7 +298,9 @@ impl<'a> Assembler<'a> {
             }
             GroupKind::Poses => kernels::condense_poses(&m.poses[range], pose, s.pose_sigma, self.loss, out),
             GroupKind::Points => kernels::condense_points(&m.points[range], pose, s.point_sigma, self.loss, out),
-            GroupKind::Contacts => kernels::condense_contacts(&m.contacts[range], pose, s.contact_sigma, self.loss, out),
+            GroupKind::Contacts => {
+                kernels::condense_contacts(&m.contacts[range], pose, s.contact_sigma, self.loss, out)
+            }
         }
     }
 
@@ -416,7 +421,8 @@ fn robot_data<'a>(layout: &'a Layout, recording: &'a Recording, plan: &Plan) -> 
         }
         match &recording.motions[index] {
             RobotMotion::Joints(values) => {
-                data.joints = plan.configurations.iter().map(|c| values.get(c).map_or(&[][..], Vec::as_slice)).collect();
+                data.joints =
+                    plan.configurations.iter().map(|c| values.get(c).map_or(&[][..], Vec::as_slice)).collect();
             }
             RobotMotion::Flange(poses) => {
                 data.flange = plan.configurations.iter().map(|c| poses.get(c).copied().unwrap_or_default()).collect();

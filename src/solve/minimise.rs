@@ -111,7 +111,7 @@ pub fn minimise(assembler: &mut Assembler<'_>, tree: &FrameTree, state: &mut Sta
     let units = assembler.plan.unknowns.units();
     let mut seconds = Seconds::default();
     let mut normal = Normal::default();
-    let mut linearise = |assembler: &mut Assembler<'_>, state: &State, normal: &mut Normal, seconds: &mut Seconds| {
+    let linearise = |assembler: &mut Assembler<'_>, state: &State, normal: &mut Normal, seconds: &mut Seconds| {
         let start = Instant::now();
         assembler.linearise(state, normal);
         seconds.linearise += start.elapsed().as_secs_f64();
@@ -170,7 +170,15 @@ pub fn minimise(assembler: &mut Assembler<'_>, tree: &FrameTree, state: &mut Sta
             (*state, cost) = (trial, trial_cost);
             report.costs.push(cost);
             growth = 4.0;
-            lambda *= if gain > 0.9 { 0.02 } else if gain > 0.5 { 0.2 } else if gain > 0.25 { 1.0 } else { 4.0 };
+            lambda *= if gain > 0.9 {
+                0.02
+            } else if gain > 0.5 {
+                0.2
+            } else if gain > 0.25 {
+                1.0
+            } else {
+                4.0
+            };
             lambda = lambda.max(1e-14);
             if report.iterations >= options.iterations {
                 break Termination::IterationLimit;
@@ -273,7 +281,8 @@ pub(crate) fn solve_positive(matrix: &Mat<f64>, right: &[f64]) -> Option<Vec<f64
     let parameters = Default::default();
     let scratch = factor::cholesky_in_place_scratch::<f64>(n, Par::Seq, parameters);
     let mut memory = MemBuffer::new(scratch);
-    factor::cholesky_in_place(lower.as_mut(), Default::default(), Par::Seq, MemStack::new(&mut memory), parameters).ok()?;
+    factor::cholesky_in_place(lower.as_mut(), Default::default(), Par::Seq, MemStack::new(&mut memory), parameters)
+        .ok()?;
     let target = Mat::<f64>::from_fn(n, 1, |i, _| right[i] * scale[i]);
     let solve_scratch = solve::solve_in_place_scratch::<f64>(n, 1, Par::Seq);
     let mut memory = MemBuffer::new(solve_scratch);

@@ -149,7 +149,9 @@ pub struct Plan {
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum PlanError {
     /// The robot's place at the configuration is not recorded.
-    #[error("configuration {configuration} has a measurement by `{sensor}` but robot `{robot}` has no joint values there")]
+    #[error(
+        "configuration {configuration} has a measurement by `{sensor}` but robot `{robot}` has no joint values there"
+    )]
     NoMotion {
         /// The configuration.
         configuration: u64,
@@ -171,7 +173,7 @@ impl Plan {
     pub fn new(layout: &Layout, tree: &FrameTree, recording: &Recording) -> Result<Self, PlanError> {
         let mut gathered: Gathering = BTreeMap::new();
         let mut add = |kind, from, to, configuration, row| {
-            gathered.entry((kind, from, to)).or_default().entry(configuration).or_insert_with(Vec::new).push(row);
+            gathered.entry((kind, from, to)).or_default().entry(configuration).or_default().push(row);
         };
         let mut places = Vec::with_capacity(recording.corners.len());
         for (row, corner) in recording.corners.iter().enumerate() {
@@ -247,7 +249,9 @@ impl Plan {
         places: &[Vector3<f64>],
     ) {
         let m = &mut self.measurements;
-        let place = |target: usize, feature| tree.locate(layout, target, feature).map_or_else(Vector3::zeros, |(_, place)| place);
+        let place = |target: usize, feature| {
+            tree.locate(layout, target, feature).map_or_else(Vector3::zeros, |(_, place)| place)
+        };
         match kind {
             GroupKind::Corners { .. } => {
                 let corner = &recording.corners[row];

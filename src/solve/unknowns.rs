@@ -61,7 +61,13 @@ pub struct Unknowns {
 impl Unknowns {
     /// The unknowns of a cell: static edges except those in `absent` (never measured), then links, then lenses that some picture sees.
     #[must_use]
-    pub fn new(layout: &Layout, tree: &FrameTree, seen_edges: &[bool], seen_robots: &[bool], seen_lenses: &[bool]) -> Self {
+    pub fn new(
+        layout: &Layout,
+        tree: &FrameTree,
+        seen_edges: &[bool],
+        seen_robots: &[bool],
+        seen_lenses: &[bool],
+    ) -> Self {
         let mut all = Self::default();
         for (index, edge) in tree.static_edges.iter().enumerate() {
             if edge.freedom == Freedom::Fixed || !seen_edges[index] {

@@ -33,9 +33,8 @@ pub struct Covariance {
 pub fn covariance(plan: &Plan, information: &[f64], noise: f64) -> Covariance {
     let n = plan.unknowns.count;
     let units = plan.unknowns.units();
-    let scaled = DMatrix::from_fn(n, n, |i, j| {
-        0.5 * (information[i * n + j] + information[j * n + i]) * units[i] * units[j]
-    });
+    let scaled =
+        DMatrix::from_fn(n, n, |i, j| 0.5 * (information[i * n + j] + information[j * n + i]) * units[i] * units[j]);
     let mut result = Covariance { matrix: DMatrix::zeros(n, n), noise, units, ..Covariance::default() };
     if n == 0 || scaled.iter().any(|x| !x.is_finite()) {
         return result;

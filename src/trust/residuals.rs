@@ -73,7 +73,8 @@ pub fn residuals(layout: &Layout, plan: &Plan, state: &State, poses: &[Vec<Pose>
                 match group.kind {
                     GroupKind::Corners { camera } => {
                         let [a, b, c] = m.corner_whiteners[i];
-                        let model = layout.cameras[camera].intrinsics.as_ref().map_or(LensModel::Pinhole, |x| x.model());
+                        let model =
+                            layout.cameras[camera].intrinsics.as_ref().map_or(LensModel::Pinhole, |x| x.model());
                         let point: [f64; 3] = (*pose * nalgebra::Vector3::from(m.corner_points[i])).into();
                         let projected = with_lens!(model, L => L::project(&state.lenses[camera], &point));
                         if a != 0.0

@@ -125,7 +125,8 @@ fn cause(layout: &Layout, recording: &Recording, plan: &Plan, named: &[&Unknown]
     let moves = |poses: &[Pose]| poses.iter().any(|pose| (poses[0].inverse() * *pose).magnitude() > (1e-3, TURN));
     let any_moves = motions.iter().any(|(_, poses)| moves(poses));
     for (name, poses) in motions.iter().filter(|(_, poses)| !any_moves || moves(poses)) {
-        let more = format!("turn `{name}` about at least two different axes by 30 degrees or more between configurations");
+        let more =
+            format!("turn `{name}` about at least two different axes by 30 degrees or more between configurations");
         if poses.len() < 3 {
             let plural = if poses.len() == 1 { "" } else { "s" };
             let why = format!("`{name}` was measured in only {} configuration{plural}", poses.len());
@@ -144,7 +145,8 @@ fn cause(layout: &Layout, recording: &Recording, plan: &Plan, named: &[&Unknown]
     }
     (
         "the measurements act on their sum only".to_owned(),
-        "add configurations that are more different, another camera or target, or a prior (`sigma`) on one of them".to_owned(),
+        "add configurations that are more different, another camera or target, or a prior (`sigma`) on one of them"
+            .to_owned(),
     )
 }
 
@@ -158,7 +160,8 @@ fn flange_poses(layout: &Layout, recording: &Recording, plan: &Plan, robot: usiz
 /// Rotation vectors against the mean orientation.
 fn turns(poses: &[Pose]) -> Vec<Vector3<f64>> {
     let Some(first) = poses.first().map(|pose| pose.rotation) else { return Vec::new() };
-    let mean = poses.iter().map(|pose| rotation::log(&(first.inverse() * pose.rotation))).sum::<Vector3<f64>>() / poses.len() as f64;
+    let mean = poses.iter().map(|pose| rotation::log(&(first.inverse() * pose.rotation))).sum::<Vector3<f64>>()
+        / poses.len() as f64;
     let middle = first * rotation::exp(&mean);
     poses.iter().map(|pose| rotation::log(&(middle.inverse() * pose.rotation))).collect()
 }

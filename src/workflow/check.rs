@@ -4,8 +4,8 @@ use std::collections::BTreeSet;
 
 use crate::complaint::{Complaint, InputError, nearest};
 use crate::frames::{Edge, FrameId, FrameTree, Freedom, pieces};
-use crate::layout::images::{ImagePattern, PictureFile};
 use crate::geometry::Pattern;
+use crate::layout::images::{ImagePattern, PictureFile};
 use crate::layout::{Layout, Motion, PoseSpec};
 use crate::recording::{DEFAULT_DETECTIONS, Recording};
 use crate::solve::Plan;
@@ -119,7 +119,11 @@ pub fn check_pictures(layout: &Layout, recording: &Recording) -> Result<Vec<Vec<
             };
             return Err(Complaint::of(
                 &file,
-                format!("configuration {} has the picture `{}` but no joint values", picture.configuration, picture.path.display()),
+                format!(
+                    "configuration {} has the picture `{}` but no joint values",
+                    picture.configuration,
+                    picture.path.display()
+                ),
                 "add the line, or remove the picture",
             )
             .into());
@@ -159,7 +163,11 @@ fn check_measurements(layout: &Layout, tree: &FrameTree, checked: &mut Checked) 
         let names: Vec<String> = frames.iter().map(|frame| format!("`{}`", name(frame))).collect();
         let root = if *body == 0 { layout.world.clone() } else { name(body) };
         checked.unreached.extend(frames.iter().map(name));
-        checked.warnings.push(format!("{} cannot be found: nothing ties {} to `{root}`", names.join(", "), if names.len() == 1 { "it" } else { "them" }));
+        checked.warnings.push(format!(
+            "{} cannot be found: nothing ties {} to `{root}`",
+            names.join(", "),
+            if names.len() == 1 { "it" } else { "them" }
+        ));
     }
     Ok(())
 }
@@ -187,9 +195,11 @@ fn draw(layout: &Layout, tree: &FrameTree) -> Vec<String> {
 fn draw_children(layout: &Layout, tree: &FrameTree, parent: FrameId, indent: &str, lines: &mut Vec<String>) {
     // A frame that is the world itself and link frames that carry nothing are passed through.
     let mut children: Vec<FrameId> = Vec::new();
-    let mut queue: Vec<FrameId> = (0..tree.frames.len()).filter(|f| tree.frames[*f].parent == Some(parent)).rev().collect();
+    let mut queue: Vec<FrameId> =
+        (0..tree.frames.len()).filter(|f| tree.frames[*f].parent == Some(parent)).rev().collect();
     while let Some(frame) = queue.pop() {
-        let own: Vec<FrameId> = (0..tree.frames.len()).filter(|f| tree.frames[*f].parent == Some(frame)).rev().collect();
+        let own: Vec<FrameId> =
+            (0..tree.frames.len()).filter(|f| tree.frames[*f].parent == Some(frame)).rev().collect();
         let bare_link = matches!(tree.frames[frame].edge, Edge::Link { .. })
             && own.len() == 1
             && matches!(tree.frames[own[0]].edge, Edge::Link { .. });
@@ -204,7 +214,9 @@ fn draw_children(layout: &Layout, tree: &FrameTree, parent: FrameId, indent: &st
         let mark = match tree.frames[frame].edge {
             Edge::Root => String::new(),
             Edge::Static(edge) => match &tree.static_edges[edge].spec {
-                PoseSpec::Unknown if tree.static_edges[edge].freedom == Freedom::Translation => "place unknown".to_owned(),
+                PoseSpec::Unknown if tree.static_edges[edge].freedom == Freedom::Translation => {
+                    "place unknown".to_owned()
+                }
                 PoseSpec::Unknown => "unknown".to_owned(),
                 PoseSpec::Fixed(_) => "known".to_owned(),
                 PoseSpec::Start(_) => "unknown, with a start".to_owned(),

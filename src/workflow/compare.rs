@@ -53,7 +53,11 @@ impl<'a> Known<'a> {
     }
 
     fn frame(&self, name: &str) -> Option<usize> {
-        self.tree.frames.iter().position(|frame| frame.name == name).or_else(|| (name == self.layout.world).then_some(0))
+        self.tree
+            .frames
+            .iter()
+            .position(|frame| frame.name == name)
+            .or_else(|| (name == self.layout.world).then_some(0))
     }
 
     /// `a_from_b` where everything between is given and stands still.

@@ -54,7 +54,7 @@ pub fn demonstrate(
     demo::write_description(folder, &truth, &stops).map_err(failed)?;
     let recording = Recording { motions: vec![RobotMotion::Joints(stops.clone())], ..Recording::default() };
     let cell = Cell::new(&truth, &recording);
-    let plates = plates(&cell, |dictionary, id| tag_cells(dictionary, id))
+    let plates = plates(&cell, tag_cells)
         .map_err(|words| Complaint::of(&truth_file, words, "check the detector's installation"))?;
     let all = stops.len() * truth.cameras.len();
     let count = std::sync::atomic::AtomicUsize::new(0);

@@ -66,6 +66,9 @@ impl std::fmt::Debug for Watch<'_> {
     }
 }
 
+/// Pattern, tag, corner, pixel and covariance of a corner, as the journal keeps it.
+type JournalCorner = (usize, Option<u32>, u32, [f64; 2], Option<[f64; 3]>);
+
 /// One picture's line in the journal.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct Done {
@@ -74,7 +77,7 @@ struct Done {
     shot: u64,
     /// Size and modification time: a picture that was taken anew is looked at anew.
     stamp: (u64, u64),
-    corners: Vec<(usize, Option<u32>, u32, [f64; 2], Option<[f64; 3]>)>,
+    corners: Vec<JournalCorner>,
     failure: Option<String>,
 }
 
@@ -113,7 +116,8 @@ pub fn detect(layout: &Layout, detector: &dyn Detector, out: &Path, watch: &Watc
         });
         result.resumed += old.len();
         done.extend(old.iter().filter_map(|(camera, file)| known.remove(&(*camera, file.configuration, file.shot))));
-        let fresh: Vec<Done> = new.par_iter().map(|(camera, file)| look(layout, detector, &wanted, *camera, file)).collect();
+        let fresh: Vec<Done> =
+            new.par_iter().map(|(camera, file)| look(layout, detector, &wanted, *camera, file)).collect();
         journal.append(&fresh).map_err(fail)?;
         done.extend(fresh);
         (watch.progress)(done.len(), work.len());
@@ -149,7 +153,7 @@ pub fn detect(layout: &Layout, detector: &dyn Detector, out: &Path, watch: &Watc
     Ok(result)
 }
 
-fn row(one: &Done, targets: &[usize], corner: &(usize, Option<u32>, u32, [f64; 2], Option<[f64; 3]>)) -> CornerRow {
+fn row(one: &Done, targets: &[usize], corner: &JournalCorner) -> CornerRow {
     let (pattern, tag, index, pixel, covariance) = *corner;
     CornerRow {
         configuration: one.configuration,
@@ -190,11 +194,9 @@ fn look(layout: &Layout, detector: &dyn Detector, wanted: &[Pattern], camera: us
         corners: Vec::new(),
         failure: None,
     };
-    let found = GreyPicture::read(&file.path, intrinsics.map(Intrinsics::size))
-        .map_err(|e| e.to_string())
-        .and_then(|picture| {
-            detector.detect(&picture, intrinsics.map(|i| i as &dyn Lens), wanted).map_err(|e| e.to_string())
-        });
+    let found = GreyPicture::read(&file.path, intrinsics.map(Intrinsics::size)).map_err(|e| e.to_string()).and_then(
+        |picture| detector.detect(&picture, intrinsics.map(|i| i as &dyn Lens), wanted).map_err(|e| e.to_string()),
+    );
     match found {
         Ok(corners) => {
             let plain = |c: Corner| (c.pattern, c.tag, c.corner, c.pixel, c.covariance);
@@ -217,10 +219,18 @@ fn no_pictures(layout: &Layout) -> Complaint {
         Some((camera, images)) => Complaint::at(
             &layout.file,
             camera.line,
-            format!("no picture was found; camera `{}` looks for `{images}` in `{}`", camera.name, layout.recording.display()),
+            format!(
+                "no picture was found; camera `{}` looks for `{images}` in `{}`",
+                camera.name,
+                layout.recording.display()
+            ),
             "check the pattern, or say where the recording is with `--recording DIR`",
         ),
-        None => Complaint::of(&layout.file, "no camera has `images`", "add `images: folder/{configuration:04}.png` to a camera"),
+        None => Complaint::of(
+            &layout.file,
+            "no camera has `images`",
+            "add `images: folder/{configuration:04}.png` to a camera",
+        ),
     }
 }
 
@@ -237,7 +247,8 @@ fn journal_path(out: &Path) -> PathBuf {
 
 /// What a journal must agree on to be continued: everything that detection depends on.
 fn fingerprint(layout: &Layout, detector: &str, wanted: &[Pattern]) -> String {
-    let lenses: BTreeMap<&str, _> = layout.cameras.iter().map(|c| (c.name.as_str(), (&c.images, &c.intrinsics))).collect();
+    let lenses: BTreeMap<&str, _> =
+        layout.cameras.iter().map(|c| (c.name.as_str(), (&c.images, &c.intrinsics))).collect();
     let text = format!("{} {detector} {wanted:?} {lenses:?}", crate::VERSION);
     Sha256::digest(text.as_bytes()).iter().map(|byte| format!("{byte:02x}")).collect()
 }

@@ -53,7 +53,9 @@ pub fn identify(layout: &Layout, request: &IdentifyRequest) -> Result<Identified
     // The tool points that hang on this robot's flange.
     let flange = tree.robots[robot].last().copied().unwrap_or(0);
     let mut points: Vec<&str> = Vec::new();
-    for target in layout.targets.iter().zip(&tree.targets).filter(|(_, frame)| tree.body(**frame) == flange).map(|(t, _)| t) {
+    for target in
+        layout.targets.iter().zip(&tree.targets).filter(|(_, frame)| tree.body(**frame) == flange).map(|(t, _)| t)
+    {
         if let TargetGeometry::Points(named) = &target.geometry {
             points.extend(named.iter().map(|(name, _)| name.as_str()));
         }
@@ -80,7 +82,10 @@ pub fn identify(layout: &Layout, request: &IdentifyRequest) -> Result<Identified
         let base_from_flange = recording.base_from_flange(layout, robot, row.configuration).ok_or_else(|| {
             Complaint::of(
                 &layout.file,
-                format!("configuration {} has a measured point but no joint values of `{}`", row.configuration, layout.robots[robot].name),
+                format!(
+                    "configuration {} has a measured point but no joint values of `{}`",
+                    row.configuration, layout.robots[robot].name
+                ),
                 "add the line, or remove the point",
             )
         })?;

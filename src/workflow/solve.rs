@@ -215,7 +215,7 @@ pub fn solve_recording(
 #[allow(clippy::too_many_arguments, reason = "the stages of one solve share all of it")]
 fn robust_search(
     layout: &Layout,
-    tree: &FrameTree,
+    _tree: &FrameTree,
     recording: &Recording,
     plan: &mut Plan,
     priors: &Priors,
@@ -274,7 +274,12 @@ fn in_pieces(layout: &Layout, tree: &FrameTree, floating: &[(FrameId, Vec<FrameI
     let mut words = Vec::new();
     let mut remedies = Vec::new();
     for (body, frames) in floating {
-        words.push(format!("{} {} not tied to `{}`", quoted(frames), if frames.len() == 1 { "is" } else { "are" }, name(*body)));
+        words.push(format!(
+            "{} {} not tied to `{}`",
+            quoted(frames),
+            if frames.len() == 1 { "is" } else { "are" },
+            name(*body)
+        ));
         let first = name(frames[0]);
         let camera = frames.iter().find(|frame| tree.cameras.contains(frame));
         let helper = match camera {

@@ -1,0 +1,236 @@
+//! Cells of known truth, solved without a guess.
+
+#[path = "support/cells.rs"]
+mod cells;
+
+use cells::{hidden, layout, record, solve, true_pose, two_robot_motion, two_robot_truth};
+use cellmap::geometry::Pose;
+use cellmap::recording::{PointRow, PoseRow, Recording, RobotMotion};
+use cellmap::simulate::Cell;
+
+/// Every pose that was found against the truth: (key, metres, radians).
+fn errors(solved: &cellmap::workflow::solve::Solved, truth: &cellmap::layout::Layout) -> Vec<(String, f64, f64)> {
+    let found = solved.tree.static_edges.iter().enumerate().filter(|(_, edge)| edge.freedom.count() == 6);
+    found
+        .map(|(index, edge)| {
+            // A tag of unknown place has a frame of its own, which the truth's layout has not.
+            let expected = match edge.key.as_str() {
+                "bin_from_bin.tag61" => match &truth.targets.iter().find(|t| t.name == "bin").unwrap().geometry {
+                    cellmap::geometry::TargetGeometry::Tags(faces) => faces[1].target_from_tag.unwrap(),
+                    _ => panic!("the bin carries tags"),
+                },
+                key => true_pose(truth, key),
+            };
+            let (t, r) = (expected.inverse() * solved.state.static_poses[index]).magnitude();
+            (edge.key.clone(), t, r)
+        })
+        .collect()
+}
+
+#[test]
+fn two_robots_five_cameras_and_six_targets_are_recovered_exactly_without_noise() {
+    let truth = layout(&two_robot_truth());
+    let recording = record(&truth, two_robot_motion(30), 0.0, 1);
+    let solved = solve(layout(&hidden(cells::TWO_ROBOTS)), &recording);
+    assert!(solved.trustworthy(), "{:?} {:?}", solved.report.termination, solved.undetermined);
+    let errors = errors(&solved, &truth);
+    assert_eq!(errors.len(), 5 + 2 + 5 + 2 + 1, "cameras, robots, targets, tools, the bin's second tag");
+    for (key, t, r) in errors {
+        // The gauge plate's numbering has two equal ends: its pose may be the truth turned by half a turn in its plane.
+        if key == "world_from_gauge_plate" && r > 1.0 {
+            let turned = true_pose(&truth, &key)
+                * Pose::from_translation(0.2, 0.12, 0.0)
+                * Pose::from_rotation_vector(&nalgebra::Vector3::new(0.0, 0.0, std::f64::consts::PI));
+            let (t, r) = (turned.inverse() * solved.pose(&key).unwrap()).magnitude();
+            assert!(t < 1e-9 && r < 1e-9, "{key}: {t} m, {r} rad");
+            continue;
+        }
+        assert!(t < 1e-9 && r < 1e-9, "{key}: {t} m, {r} rad");
+    }
+}
+
+#[test]
+fn with_noise_every_component_lies_within_four_sigma() {
+    let truth = layout(&two_robot_truth());
+    for seed in 0..3 {
+        let recording = record(&truth, two_robot_motion(30), 0.1, 100 + seed);
+        let solved = solve(layout(&hidden(cells::TWO_ROBOTS)), &recording);
+        assert!(solved.trustworthy());
+        assert!((solved.covariance.noise - 1.0).abs() < 0.05, "fitted noise {}", solved.covariance.noise);
+        for (index, edge) in solved.tree.static_edges.iter().enumerate() {
+            let (Some(block), false) = (solved.plan.unknowns.edge(index), edge.key.contains("gauge") || edge.key.contains("tag61")) else {
+                continue;
+            };
+            let sigma = solved.covariance.pose_sigma(&solved.tree, &solved.state, &solved.plan.unknowns.blocks[block]);
+            let (expected, found) = (true_pose(&truth, &edge.key), solved.state.static_poses[index]);
+            let shift = found.translation - expected.translation;
+            let turn = found.rotation * cellmap::geometry::rotation::log(&(expected.rotation.inverse() * found.rotation));
+            for (d, s) in shift.iter().chain(turn.iter()).zip(sigma) {
+                let s = s.unwrap();
+                assert!(d.abs() < 4.0 * s, "{}: {d} against sigma {s}", edge.key);
+                assert!(s < 5e-3, "{}: sigma {s}", edge.key);
+            }
+        }
+    }
+}
+
+#[test]
+fn outliers_are_set_aside_and_do_no_harm() {
+    let truth = layout(&two_robot_truth());
+    let mut recording = record(&truth, two_robot_motion(30), 0.1, 5);
+    let mut spoilt = 0;
+    for (i, row) in recording.corners.iter_mut().enumerate() {
+        if i % 53 == 0 {
+            row.pixel[0] += 25.0;
+            spoilt += 1;
+        }
+    }
+    for loss in ["{huber: 1.5}", "{cauchy: 2}", "{tukey: 6}"] {
+        let text = hidden(cells::TWO_ROBOTS).replace("{huber: 1.5}", loss);
+        let solved = solve(layout(&text), &recording);
+        assert!(solved.report.termination.converged(), "{loss}");
+        let rejected = solved.rejected.corners;
+        assert!(rejected >= spoilt && rejected < spoilt + spoilt / 5 + 5, "{loss}: {rejected} of {spoilt}");
+        for (key, t, _) in errors(&solved, &truth).iter().filter(|(key, ..)| !key.contains("gauge")) {
+            assert!(*t < 2e-3, "{loss}: {key} off by {t} m");
+        }
+    }
+}
+
+const WAND: &str = "
+cellmap: 1
+units: {length: m, angle: rad}
+world: a
+cameras:
+  a:
+    intrinsics: {model: pinhole, size: [1280, 960], focal: [900, 900], centre: [639.5, 479.5]}
+  b:
+    intrinsics: {model: pinhole, size: [1280, 960], focal: [900, 900], centre: [639.5, 479.5]}
+  c:
+    intrinsics: {model: pinhole, size: [1280, 960], focal: [900, 900], centre: [639.5, 479.5]}
+targets:
+  wand: {checkerboard: {corners: [4, 3], square: 0.05}, moves: true}
+solve: {pixel_sigma: 0.1}
+";
+
+/// Corners of a board waved in front of three cameras.
+fn waved(noise: f64) -> (Vec<Pose>, Recording) {
+    use nalgebra::Vector3;
+    use rand::{Rng, SeedableRng};
+    let layout = layout(WAND);
+    let place = |x: f64, z: f64, turn: f64| {
+        Pose::from_translation(x, 0.0, z) * Pose::from_rotation_vector(&Vector3::new(0.0, turn, 0.0))
+    };
+    let world_from_camera = vec![Pose::identity(), place(0.8, 0.2, -0.6), place(-0.7, 0.1, 0.5)];
+    let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(3);
+    let mut recording = Recording::default();
+    for configuration in 0..25u64 {
+        let mut draw = |scale: f64| random.random_range(-scale..scale);
+        let wand = Pose::from_translation(draw(0.2), draw(0.15), 1.2 + draw(0.2))
+            * Pose::from_rotation_vector(&Vector3::new(draw(0.5), draw(0.5), draw(0.8)));
+        for (camera, pose) in world_from_camera.iter().enumerate() {
+            for i in 0..12u32 {
+                let feature = cellmap::geometry::Feature::BoardCorner(i);
+                let point = pose.inverse() * (wand * layout.targets[0].geometry.place(&feature).unwrap());
+                let pixel = layout.cameras[camera].intrinsics.as_ref().unwrap().project(&point).unwrap();
+                let pixel = [pixel.x + noise * draw(1.0), pixel.y + noise * draw(1.0)];
+                recording.corners.push(cellmap::recording::CornerRow {
+                    configuration, shot: 0, camera, target: 0, feature, pixel, covariance: None,
+                });
+            }
+        }
+    }
+    recording.corners.sort_by(|a, b| a.key().cmp(&b.key()));
+    (world_from_camera, recording)
+}
+
+#[test]
+fn cameras_are_tied_by_a_board_that_moves() {
+    let (truth, recording) = waved(0.0);
+    let solved = solve(layout(WAND), &recording);
+    assert!(solved.trustworthy(), "{:?}", solved.undetermined);
+    assert_eq!(solved.unknowns, 2 * 6 + 25 * 6);
+    for (camera, expected) in ["a", "b", "c"].iter().zip(&truth) {
+        let (t, r) = (expected.inverse() * solved.world_from(camera).unwrap()).magnitude();
+        assert!(t < 1e-9 && r < 1e-9, "{camera}: {t} {r}");
+    }
+    assert_eq!(solved.moved, vec![(0..25).collect::<Vec<_>>()]);
+    let (_, noisy) = waved(0.2);
+    let solved = solve(layout(WAND), &noisy);
+    let (t, _) = (truth[1].inverse() * solved.world_from("b").unwrap()).magnitude();
+    assert!(t < 2e-3, "{t}");
+}
+
+#[test]
+fn whole_poses_and_points_are_enough_too() {
+    let text = "
+cellmap: 1
+units: {length: m, angle: rad}
+world: tracker
+cameras:
+  eye:
+    pose: {xyz: [1.5, -0.4, 1.0], rpy: [-2.0, 0.1, 0.7]}
+sensors:
+  tracker: {measures: points}
+robots:
+  arm:
+    model: ur5e
+    joints: joints.csv
+    pose: {xyz: [0.3, 0.2, -0.1], rpy: [0.02, -0.01, 0.8]}
+targets:
+  reflector:
+    points: {ball: [0.03, -0.02, 0.12]}
+    mount: arm.flange
+    pose: {xyz: [0, 0, 0], rpy: [0, 0, 0]}
+  flag:
+    mount: arm.flange
+    pose: {xyz: [0.05, 0.0, 0.1], rpy: [0.3, -0.2, 1.0]}
+";
+    let truth = layout(text);
+    let motions = vec![RobotMotion::Joints(cells::wander(&[0.3, -1.6, 1.9, -1.8, -1.5, 0.2], 0.7, 20, 4))];
+    let mut recording = Recording { motions, ..Recording::default() };
+    let shadow = recording.clone();
+    let cell = Cell::new(&truth, &shadow);
+    for configuration in 1..=20 {
+        let flag = cell.pose(cell.tree.cameras[0], cell.tree.targets[1], configuration).unwrap();
+        recording.poses.push(PoseRow { configuration, shot: 0, camera: 0, target: 1, pose: flag });
+        let ball = cell.pose(0, cell.tree.targets[0], configuration).unwrap() * nalgebra::Vector3::new(0.03, -0.02, 0.12);
+        let feature = cellmap::geometry::Feature::Point("ball".into());
+        recording.points.push(PointRow { configuration, shot: 0, sensor: 0, target: 0, feature, position: ball });
+    }
+    let unknown = hidden(text).replace("ball: [0.03, -0.02, 0.12]", "ball: unknown").replace(
+        "    mount: arm.flange\n  flag",
+        "    mount: arm.flange\n    pose : {xyz: [0, 0, 0], rpy: [0, 0, 0]}\n  flag",
+    );
+    let solved = solve(layout(&unknown), &recording);
+    assert!(solved.trustworthy(), "{:?}", solved.undetermined);
+    for key in ["world_from_eye", "world_from_arm.base", "arm.flange_from_flag"] {
+        let (t, r) = (true_pose(&truth, key).inverse() * solved.pose(key).unwrap()).magnitude();
+        assert!(t < 1e-9 && r < 1e-9, "{key}: {t} {r}");
+    }
+    let ball = solved.pose("reflector_from_reflector.ball").unwrap().translation;
+    assert!((ball - nalgebra::Vector3::new(0.03, -0.02, 0.12)).norm() < 1e-9);
+}
+
+#[test]
+fn a_prior_holds_what_nothing_measures_and_yields_to_what_is_measured() {
+    let truth = layout(&two_robot_truth());
+    let recording = record(&truth, two_robot_motion(20), 0.0, 1);
+    let wrong = hidden(cells::TWO_ROBOTS).replace(
+        "    mount: ur5e.flange\n",
+        "    mount: ur5e.flange\n    pose : {xyz: [10, 10, 100], rpy: [0, 0, -50], sigma: {xyz: 20, rotation: 10}}\n",
+    );
+    let solved = solve(layout(&wrong), &recording);
+    let key = "ur5e.flange_from_ur5e_tool";
+    let (t, _) = (true_pose(&truth, key).inverse() * solved.pose(key).unwrap()).magnitude();
+    assert!(t < 1e-4, "the pixels outweigh a 20 mm prior: {t}");
+}
+
+#[test]
+fn the_cost_never_rises() {
+    let truth = layout(&two_robot_truth());
+    let recording = record(&truth, two_robot_motion(20), 0.1, 9);
+    let solved = solve(layout(&hidden(cells::TWO_ROBOTS)), &recording);
+    assert!(solved.report.costs.windows(2).all(|pair| pair[1] <= pair[0]), "{:?}", solved.report.costs);
+    assert!(solved.report.final_cost <= solved.report.initial_cost);
+}
