@@ -30,14 +30,17 @@ pub fn pieces<'a>(tree: &FrameTree, measured: impl IntoIterator<Item = &'a Path>
     }
     let mut touched: BTreeSet<FrameId> = BTreeSet::new();
     for path in measured {
-        // A run of static steps from a frame `a` to a frame `b` fixes a_from_b, whatever hangs between.
+        // A run of static steps from a frame `a` to a frame `b` fixes a_from_b, but not where the frames between stand.
         let mut run_start = path.stops[0];
-        for (step, stop) in path.steps.iter().zip(&path.stops[1..]) {
-            if let Step::Static { edge, .. } = step {
-                touched.insert(tree.static_edges[*edge].frame);
-                ties.union(run_start, *stop);
-            } else {
-                run_start = *stop;
+        for (i, step) in path.steps.iter().enumerate() {
+            let stop = path.stops[i + 1];
+            let Step::Static { edge, .. } = step else {
+                run_start = stop;
+                continue;
+            };
+            touched.insert(tree.static_edges[*edge].frame);
+            if !matches!(path.steps.get(i + 1), Some(Step::Static { .. })) {
+                ties.union(run_start, stop);
             }
         }
     }

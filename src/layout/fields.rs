@@ -58,6 +58,10 @@ impl<'a> Fields<'a> {
         let what = what.into();
         match &node.value {
             Value::Mapping(entries) => Some(Self { to, what, line: node.line, entries, asked: RefCell::default() }),
+            // `left:` with nothing behind it is a thing of which nothing is said.
+            Value::Scalar { text, quoted: false } if ["", "~", "null"].contains(&text.as_str()) => {
+                Some(Self { to, what, line: node.line, entries: &[], asked: RefCell::default() })
+            }
             _ => {
                 let found = node.kind();
                 to.complain(node.line, format!("{what} is {found}"), "write it as `{key: value, ...}`")

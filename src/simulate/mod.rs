@@ -9,4 +9,4 @@ mod picture;
 
 pub use cell::Cell;
 pub use corners::{CornerNoise, corners};
-pub use picture::{PictureNoise, Plate, plates, render};
+pub use picture::{PictureNoise, Plate, plates, png, render};

@@ -55,10 +55,11 @@ pub fn check(layout: &Layout) -> Result<Checked, InputError> {
     checked.configurations = configurations.len();
     for (robot, motion) in layout.robots.iter().zip(&recording.motions) {
         let how = match &robot.motion {
-            Motion::Joints { chain, .. } => format!("{} joints", chain.joint_count()),
+            Motion::Joints { chain, .. } => counted(chain.joint_count(), "joint"),
             Motion::FlangePoses { .. } => "reported flange poses".to_owned(),
         };
-        checked.facts.push(format!("robot `{}`: {how}, {} configurations", robot.name, motion.configurations().len()));
+        let stops = counted(motion.configurations().len(), "configuration");
+        checked.facts.push(format!("robot `{}`: {how}, {stops}", robot.name));
     }
     let pictures = check_pictures(layout, &recording)?;
     for (camera, found) in layout.cameras.iter().zip(&pictures) {
@@ -71,16 +72,16 @@ pub fn check(layout: &Layout) -> Result<Checked, InputError> {
                 format!("{width} x {height} {}{refined}", intrinsics.model().name())
             }
         };
-        let seen = if camera.images.is_some() { format!("{} pictures", found.len()) } else { "no pictures".to_owned() };
+        let seen = if camera.images.is_some() { counted(found.len(), "picture") } else { "no pictures".to_owned() };
         checked.facts.push(format!("camera `{}`: {lens}, {seen}", camera.name));
     }
     for target in &layout.targets {
         let what = match &target.pattern {
             None => match &target.geometry {
-                crate::geometry::TargetGeometry::Points(points) => format!("{} points", points.len()),
+                crate::geometry::TargetGeometry::Points(points) => counted(points.len(), "point"),
                 _ => "known through measured poses".to_owned(),
             },
-            Some(Pattern::Tags { dictionary, ids }) => format!("{} tags of {}", ids.len(), dictionary.name()),
+            Some(Pattern::Tags { dictionary, ids }) => format!("{} of {}", counted(ids.len(), "tag"), dictionary.name()),
             Some(Pattern::Checkerboard { columns, rows }) => format!("checkerboard, {columns} x {rows} inner corners"),
             Some(Pattern::Charuco { squares, dictionary, .. }) => {
                 format!("ChArUco board, {} x {} squares, {}", squares[0], squares[1], dictionary.name())
@@ -94,6 +95,11 @@ pub fn check(layout: &Layout) -> Result<Checked, InputError> {
         checked.warnings.push(format!("the world `{}` is a frame of its own; did you mean `{meant}`?", layout.world));
     }
     Ok(checked)
+}
+
+/// `1 tag`, `2 tags`.
+fn counted(count: usize, what: &str) -> String {
+    if count == 1 { format!("1 {what}") } else { format!("{count} {what}s") }
 }
 
 /// The pictures of each camera.

@@ -1,0 +1,151 @@
+//! The commands through the real binary: the demo from end to end, detection that is interrupted or meets bad pictures, comparison.
+
+#[path = "support/program.rs"]
+mod program;
+
+use program::{contents, folder, json, run, stderr, stdout};
+
+/// The demo, and then every command on its files.
+#[cfg(feature = "opencv")]
+#[test]
+fn the_demo_from_end_to_end() {
+    let dir = folder(&[]);
+    let output = run(dir.path(), &["demo", "--json"]);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let shown = json(&output);
+    assert_eq!(shown["pictures"], 48);
+    assert!(shown["worst_translation_mm"].as_f64().unwrap() < 0.3, "{shown}");
+    assert!(shown["worst_rotation_deg"].as_f64().unwrap() < 0.03, "{shown}");
+    assert!(shown["rms_px"].as_f64().unwrap() < 0.05, "{shown}");
+
+    let demo = dir.path().join("cellmap-demo");
+    let check = run(&demo, &["check", "layout.yaml"]);
+    assert_eq!(check.status.code(), Some(0), "{}", stderr(&check));
+    assert!(stdout(&check).contains("├─ tool_cube  (unknown)"), "{}", stdout(&check));
+    assert!(stdout(&check).lines().all(|line| line.chars().count() <= 80), "{}", stdout(&check));
+
+    // A second detection gives the same bytes, also when pictures are broken on the way.
+    let first = std::fs::read(demo.join("detections.csv")).unwrap();
+    assert_eq!(run(&demo, &["detect", "layout.yaml", "--threads", "1"]).status.code(), Some(0));
+    assert_eq!(std::fs::read(demo.join("detections.csv")).unwrap(), first);
+    std::fs::write(demo.join("images/left/01.png"), "no picture").unwrap();
+    std::fs::remove_file(demo.join("images/left/02.png")).unwrap();
+    let whole = std::fs::read(demo.join("images/left/03.png")).unwrap();
+    std::fs::write(demo.join("images/left/03.png"), &whole[..whole.len() / 2]).unwrap();
+    let detected = run(&demo, &["detect", "layout.yaml", "--json"]);
+    assert_eq!(detected.status.code(), Some(0));
+    let found = json(&detected);
+    assert_eq!(found["pictures"], 47);
+    let failed: Vec<String> = found["failed"].as_array().unwrap().iter().map(|f| f["picture"].to_string()).collect();
+    assert_eq!(failed.len(), 2, "{failed:?}");
+    assert!(failed[0].contains("left/01.png") && failed[1].contains("left/03.png"), "{failed:?}");
+
+    // The solution is a layout: it can be checked, compared, and started from.
+    let solved = json(&run(&demo, &["solve", "layout.yaml", "--json"]));
+    for field in ["converged", "termination", "iterations", "initial_cost", "final_cost", "observations", "unknowns", "rms_px", "rejected", "undetermined", "seconds", "poses"] {
+        assert!(!solved[field].is_null(), "{field}");
+    }
+    assert_eq!(run(&demo, &["check", "solution.yaml"]).status.code(), Some(0));
+    let same = json(&run(&demo, &["compare", "solution.yaml", "solution.json", "--json"]));
+    assert_eq!(same["worst_translation_mm"], 0.0);
+    let again = json(&run(&demo, &["solve", "layout.yaml", "--start", "solution.yaml", "--json", "--out", "again.yaml"]));
+    assert!(again["iterations"].as_u64() < solved["iterations"].as_u64(), "{} {}", again["iterations"], solved["iterations"]);
+    let compared = json(&run(&demo, &["compare", "again.yaml", "solution.yaml", "--json"]));
+    assert!(compared["worst_translation_mm"].as_f64().unwrap() < 1e-6, "{compared}");
+    assert!(compared["poses"]["world_from_left"]["within_sigma"].as_f64().unwrap() < 0.1);
+}
+
+/// A run that was stopped leaves a journal; the next goes on from there and the result is the same.
+#[cfg(feature = "opencv")]
+#[test]
+fn detection_picks_up_where_it_stopped() {
+    use cellmap::detect::opencv::OpenCvDetector;
+    use cellmap::workflow::detect::{Watch, detect};
+    use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+
+    let dir = folder(&[]);
+    assert_eq!(run(dir.path(), &["demo", "--json"]).status.code(), Some(0));
+    let demo = dir.path().join("cellmap-demo");
+    let whole = std::fs::read(demo.join("detections.csv")).unwrap();
+    std::fs::remove_file(demo.join("detections.csv")).unwrap();
+    let layout = cellmap::layout::read_layout(&demo.join("layout.yaml"), None).unwrap();
+    let out = demo.join("detections.csv");
+    let stop = AtomicBool::new(false);
+    let seen = AtomicUsize::new(0);
+    let progress = |done: usize, _: usize| {
+        seen.store(done, Ordering::Relaxed);
+        if done > 0 {
+            stop.store(true, Ordering::Relaxed);
+        }
+    };
+    let detector = OpenCvDetector::new().unwrap();
+    let first = detect(&layout, &detector, &out, &Watch { progress: &progress, stop: &stop }).unwrap();
+    assert!(first.interrupted && first.pictures > 0 && first.pictures < 48, "{first:?}");
+    assert!(!out.exists(), "nothing half is left");
+    let journal = demo.join("detections.csv.unfinished");
+    assert!(journal.exists());
+    // The last line was cut by the interrupt.
+    let text = std::fs::read_to_string(&journal).unwrap();
+    std::fs::write(&journal, &text[..text.len() - 40]).unwrap();
+    let go = AtomicBool::new(false);
+    let second = detect(&layout, &detector, &out, &Watch { progress: &|_, _| {}, stop: &go }).unwrap();
+    assert_eq!(second.resumed, first.pictures - 1);
+    assert_eq!(second.pictures, 48);
+    assert_eq!(std::fs::read(&out).unwrap(), whole);
+    assert!(!journal.exists());
+}
+
+#[test]
+fn a_result_that_cannot_be_written_is_an_error_and_leaves_no_trace() {
+    let layout = "cellmap: 1\nunits: {length: m, angle: rad}\nworld: base\ncameras: {eye: {}}\n\
+        robots: {arm: {flange_poses: f.csv, pose: {xyz: [0, 0, 0], rpy: [0, 0, 0]}}}\n\
+        targets: {tag: {mount: arm.flange}}\nobservations: {target_poses: p.csv}\n";
+    let row = "x,y,z,qx,qy,qz,qw\n";
+    let flange = format!("configuration,robot,{row}1,arm,0,0,0,0,0,0,1\n2,arm,1,0,0,1,0,0,0\n3,arm,0,1,0,0,1,0,0\n");
+    let poses = format!("configuration,shot,camera,target,{row}1,0,eye,tag,0,0,1,0,0,0,1\n2,0,eye,tag,1,0,1,1,0,0,0\n3,0,eye,tag,0,1,1,0,1,0,0\n");
+    let dir = folder(&[("layout.yaml", layout), ("f.csv", &flange), ("p.csv", &poses), ("taken", "a file")]);
+    let before = contents(dir.path());
+    let output = run(dir.path(), &["solve", "layout.yaml", "--out", "taken/solution.yaml"]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(stderr(&output).contains("the file cannot be written"), "{}", stderr(&output));
+    assert_eq!(before, contents(dir.path()));
+    // And the same cell with a good place to write to.
+    let output = run(dir.path(), &["solve", "layout.yaml"]);
+    assert!(dir.path().join("solution.yaml").exists() && dir.path().join("solution.json").exists(), "{}", stderr(&output));
+}
+
+#[test]
+fn comparing_strangers_is_refused() {
+    let one = "cellmap: 1\nunits: {length: m, angle: rad}\nworld: w\ncameras: {a: {pose: {xyz: [0, 0, 0], rpy: [0, 0, 0]}}}\n";
+    let dir = folder(&[("one.yaml", one), ("two.yaml", &one.replace("{a:", "{b:"))]);
+    let output = run(dir.path(), &["compare", "one.yaml", "two.yaml"]);
+    assert_eq!(output.status.code(), Some(2));
+    assert_eq!(
+        stderr(&output),
+        "error: it gives no pose that `one.yaml` gives too\n  --> two.yaml\n  help: compare two layouts of one cell: frames are matched by name\n"
+    );
+}
+
+#[test]
+fn comparison_follows_frames_not_mounts() {
+    // The same cell described once with the lamp on the table and once on the world.
+    let pose = |x: f64| format!("pose: {{xyz: [{x}, 0, 0], rpy: [0, 0, 0]}}");
+    let head = "cellmap: 1\nunits: {length: m, angle: rad}\nworld: w\n";
+    let one = format!("{head}targets:\n  table: {{{}}}\n  lamp: {{mount: table, {}}}\n", pose(1.0), pose(0.5));
+    let two = format!("{head}targets:\n  table: {{{}}}\n  lamp: {{{}}}\n", pose(1.0), pose(1.501));
+    let dir = folder(&[("one.yaml", &one), ("two.yaml", &two)]);
+    let found = json(&run(dir.path(), &["compare", "one.yaml", "two.yaml", "--json"]));
+    let lamp = found["poses"]["table_from_lamp"]["translation_mm"].as_f64().unwrap();
+    assert!((lamp - 1.0).abs() < 1e-9, "{found}");
+    assert_eq!(found["poses"]["world_from_table"]["rotation_deg"], 0.0);
+}
+
+#[test]
+fn help_fits_a_terminal() {
+    for arguments in [&["--help"][..], &["solve", "--help"], &["detect", "--help"], &["identify", "--help"]] {
+        let output = run(std::path::Path::new("."), arguments);
+        assert_eq!(output.status.code(), Some(0));
+        assert!(stdout(&output).lines().all(|line| line.chars().count() <= 100), "{}", stdout(&output));
+    }
+    assert_eq!(run(std::path::Path::new("."), &["slove"]).status.code(), Some(2));
+}
