@@ -40,6 +40,8 @@
 //! ```
 
 #![warn(missing_docs)]
+// Module essays point to the files that hold the details, public or not.
+#![allow(rustdoc::private_intra_doc_links)]
 #![cfg_attr(
     not(test),
     warn(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::print_stdout, clippy::print_stderr)

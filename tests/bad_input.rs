@@ -35,7 +35,9 @@ fn check(dir: &std::path::Path, command: &str) -> String {
     let output = run(dir, &[command, "layout.yaml"]);
     let said = stderr(&output);
     assert_eq!(output.status.code(), Some(2), "{said}");
-    let files = |list: Vec<(String, Vec<u8>)>| list.into_iter().filter(|(n, _)| !n.ends_with(".unfinished")).collect::<Vec<_>>();
+    let files = |list: Vec<(String, Vec<u8>)>| {
+        list.into_iter().filter(|(n, _)| !n.ends_with(".unfinished")).collect::<Vec<_>>()
+    };
     assert_eq!(files(before), files(contents(dir)), "something was written");
     assert!(!said.contains("panicked"), "{said}");
     said
@@ -61,116 +63,173 @@ fn the_good_input_is_good() {
 #[test]
 fn unknown_key() {
     let said = refused("solve", &edited("mount: arm.flange", "mout: arm.flange"), &[]);
-    pinned(&said, "error: unknown key `mout` in target `tag`
+    pinned(
+        &said,
+        "error: unknown key `mout` in target `tag`
   --> layout.yaml:11
    11 |   tag: {tags: {dictionary: 6x6_250, size: 50, ids: [7]}, mout: arm.flange}
-  help: did you mean `mount`?");
+  help: did you mean `mount`?",
+    );
 }
 
 #[test]
 fn missing_files() {
     let said = refused("solve", &edited("joints: joints.csv", "joints: joint.csv"), &[]);
-    pinned(&said, "error: the file cannot be read: it does not exist
+    pinned(
+        &said,
+        "error: the file cannot be read: it does not exist
   --> ./joint.csv
-  help: paths are relative to the recording's folder, by default the layout's own");
+  help: paths are relative to the recording's folder, by default the layout's own",
+    );
     let said = refused("solve", &edited("model: ur5e", "model: {mdh: my_arm.yaml}"), &[]);
-    pinned(&said, "error: the file `./my_arm.yaml` cannot be read: it does not exist
+    pinned(
+        &said,
+        "error: the file `./my_arm.yaml` cannot be read: it does not exist
   --> layout.yaml:9
     9 |   arm: {model: {mdh: my_arm.yaml}, joints: joints.csv}
-  help: paths are relative to the recording's folder, by default the layout's own");
+  help: paths are relative to the recording's folder, by default the layout's own",
+    );
     let dir = folder(&[]);
-    pinned(&check(dir.path(), "solve"), "error: the layout cannot be read: it does not exist
+    pinned(
+        &check(dir.path(), "solve"),
+        "error: the layout cannot be read: it does not exist
   --> layout.yaml
-  help: give the path of a layout; examples are in `layouts/`");
+  help: give the path of a layout; examples are in `layouts/`",
+    );
 }
 
 #[test]
 fn unit_missing() {
     let said = refused("solve", &edited("units: {length: mm, angle: deg}", "units: {length: mm}"), &[]);
-    pinned(&said, "error: `units` does not say the unit of angle
+    pinned(
+        &said,
+        "error: `units` does not say the unit of angle
   --> layout.yaml:2
     2 | units: {length: mm}
-  help: add `angle`: one of `rad` or `deg`");
+  help: add `angle`: one of `rad` or `deg`",
+    );
     let said = refused("solve", &edited("units: {length: mm, angle: deg}\n", ""), &[]);
-    pinned(&said, "error: the layout has no `units`
+    pinned(
+        &said,
+        "error: the layout has no `units`
   --> layout.yaml:1
     1 | cellmap: 1
-  help: add for example `units: {length: mm, angle: deg}`");
+  help: add for example `units: {length: mm, angle: deg}`",
+    );
 }
 
 #[test]
 fn zero_or_negative_size() {
     for size in ["0", "-50"] {
         let said = refused("solve", &edited("size: 50", &format!("size: {size}")), &[]);
-        pinned(&said, &format!("error: `size` of `tags` of target `tag` is {size}
+        pinned(
+            &said,
+            &format!(
+                "error: `size` of `tags` of target `tag` is {size}
   --> layout.yaml:11
    11 |   tag: {{tags: {{dictionary: 6x6_250, size: {size}, ids: [7]}}, mount: arm.flange}}
-  help: it must be greater than zero"));
+  help: it must be greater than zero"
+            ),
+        );
     }
 }
 
 #[test]
 fn a_tag_on_two_targets() {
     let two = edited("observations", "  other: {tags: {dictionary: 6x6_50, size: 30, ids: [3, 7]}}\nobservations");
-    pinned(&refused("solve", &two, &[]), "error: tag 7 of `6x6_50` is on target `tag` and on target `other`
+    pinned(
+        &refused("solve", &two, &[]),
+        "error: tag 7 of `6x6_50` is on target `tag` and on target `other`
   --> layout.yaml:12
    12 |   other: {tags: {dictionary: 6x6_50, size: 30, ids: [3, 7]}}
-  help: print one of the two with another id");
+  help: print one of the two with another id",
+    );
 }
 
 #[test]
 fn a_matrix_that_is_no_rotation() {
     let pose = "pose: {xyz: [0, 0, 0], matrix: [1, 0, 0, 0, 1.1, 0, 0, 0, 1]}";
     let said = refused("solve", &edited("mount: arm.flange", &format!("mount: arm.flange, {pose}")), &[]);
-    assert!(said.starts_with("error: the rotation matrix of the pose of target `tag` is not orthonormal\n  --> layout.yaml:11\n"), "{said}");
-    assert!(said.ends_with("help: its columns miss length 1 or right angles by 0.210: check for scale, units or a typing error\n"), "{said}");
+    assert!(
+        said.starts_with(
+            "error: the rotation matrix of the pose of target `tag` is not orthonormal\n  --> layout.yaml:11\n"
+        ),
+        "{said}"
+    );
+    assert!(
+        said.ends_with(
+            "help: its columns miss length 1 or right angles by 0.210: check for scale, units or a typing error\n"
+        ),
+        "{said}"
+    );
 }
 
 #[test]
 fn two_rotations() {
     let pose = "pose: {xyz: [0, 0, 0], rpy: [0, 0, 0], rotvec: [0, 0, 0]}";
     let said = refused("solve", &edited("mount: arm.flange", &format!("mount: arm.flange, {pose}")), &[]);
-    assert!(said.starts_with("error: the pose of target `tag` has two rotations, `rpy` and `rotvec`\n  --> layout.yaml:11\n"), "{said}");
+    assert!(
+        said.starts_with(
+            "error: the pose of target `tag` has two rotations, `rpy` and `rotvec`\n  --> layout.yaml:11\n"
+        ),
+        "{said}"
+    );
     assert!(said.ends_with("help: keep exactly one of them\n"), "{said}");
 }
 
 #[test]
 fn nan_in_a_csv() {
     let said = refused("solve", GOOD, &[("joints.csv", &JOINTS.replace("0.3", "NaN"))]);
-    pinned(&said, "error: `q3` is NaN
+    pinned(
+        &said,
+        "error: `q3` is NaN
   --> ./joints.csv:3
     3 | 2,arm,0.1,0.2,NaN,0.4,0.5,0.6
-  help: every number must be finite: leave the line out if the value is not known");
+  help: every number must be finite: leave the line out if the value is not known",
+    );
     let said = refused("solve", GOOD, &[("corners.csv", &CORNERS.replace("200,200", "inf,200"))]);
-    pinned(&said, "error: `u` is inf
+    pinned(
+        &said,
+        "error: `u` is inf
   --> ./corners.csv:4
     4 | 1,0,eye,tag,7,2,inf,200
-  help: every number must be finite: leave the line out if the value is not known");
+  help: every number must be finite: leave the line out if the value is not known",
+    );
 }
 
 #[test]
 fn wrong_joint_count() {
     let said = refused("solve", GOOD, &[("joints.csv", "configuration,robot,q1,q2,q3,q4,q5,q6\n1,arm,0,0,0,0,0,\n")]);
-    pinned(&said, "error: robot `arm` has 6 joints but 5 values stand here
+    pinned(
+        &said,
+        "error: robot `arm` has 6 joints but 5 values stand here
   --> ./joints.csv:2
     2 | 1,arm,0,0,0,0,0,
-  help: give one value for each joint and leave the other cells empty");
+  help: give one value for each joint and leave the other cells empty",
+    );
 }
 
 #[test]
 fn pictures_or_corners_without_joints() {
     let said = refused("detect", GOOD, &[("images/0009.png", "not looked at")]);
-    pinned(&said, "error: configuration 9 has the picture `./images/0009.png` but no joint values
+    pinned(
+        &said,
+        "error: configuration 9 has the picture `./images/0009.png` but no joint values
   --> ./joints.csv
-  help: add the line, or remove the picture");
+  help: add the line, or remove the picture",
+    );
     let said = refused("solve", GOOD, &[("corners.csv", &CORNERS.replace("1,0,eye", "9,0,eye"))]);
-    pinned(&said, "error: configuration 9 has a measurement by `eye` but robot `arm` has no joint values there
+    pinned(
+        &said,
+        "error: configuration 9 has a measurement by `eye` but robot `arm` has no joint values there
   --> ./joints.csv
-  help: add the line, or remove the measurements of that configuration");
+  help: add the line, or remove the measurements of that configuration",
+    );
 }
 
 fn grey_png(width: u32, height: u32) -> Vec<u8> {
-    let picture = cellmap::detect::GreyPicture::new(width as usize, height as usize, vec![99; (width * height) as usize]);
+    let picture =
+        cellmap::detect::GreyPicture::new(width as usize, height as usize, vec![99; (width * height) as usize]);
     cellmap::simulate::png(&picture.unwrap()).unwrap()
 }
 
@@ -209,43 +268,61 @@ targets:
   a: {mount: b}
   b: {mount: a}
 ";
-    pinned(&refused("solve", circle, &[]), "error: the mounts go round in a circle: a on b on a
+    pinned(
+        &refused("solve", circle, &[]),
+        "error: the mounts go round in a circle: a on b on a
   --> layout.yaml:5
     5 |   a: {mount: b}
-  help: something in the circle must hang on `world`");
+  help: something in the circle must hang on `world`",
+    );
 }
 
 #[test]
 fn no_world() {
-    pinned(&refused("solve", &edited("world: arm.base\n", ""), &[]), "error: the layout does not define the world
+    pinned(
+        &refused("solve", &edited("world: arm.base\n", ""), &[]),
+        "error: the layout does not define the world
   --> layout.yaml:1
     1 | cellmap: 1
-  help: add `world: NAME`: the frame whose pose is the identity, for example a board on the table or `ur3.base`");
+  help: add `world: NAME`: the frame whose pose is the identity, for example a board on the table or `ur3.base`",
+    );
 }
 
 #[test]
 fn a_cell_in_two_pieces() {
     let said = refused("solve", &edited("world: arm.base", "world: bench"), &[]);
-    pinned(&said, "error: the cell is in two pieces: `eye`, `arm.base` are not tied to `bench`
+    pinned(
+        &said,
+        "error: the cell is in two pieces: `eye`, `arm.base` are not tied to `bench`
   --> layout.yaml
-  help: let `eye` see something that is tied to `bench`, or give `eye` a pose");
+  help: let `eye` see something that is tied to `bench`, or give `eye` a pose",
+    );
 }
 
 #[test]
 fn an_empty_recording() {
     let header = CORNERS.lines().next().unwrap();
-    pinned(&refused("solve", GOOD, &[("corners.csv", header)]), "error: the recording is empty: its files hold no measurement
+    pinned(
+        &refused("solve", GOOD, &[("corners.csv", header)]),
+        "error: the recording is empty: its files hold no measurement
   --> ./corners.csv
-  help: check that the detector found something and that the files are the right ones");
+  help: check that the detector found something and that the files are the right ones",
+    );
     let said = refused("solve", &edited("observations: {detections: corners.csv}\n", ""), &[]);
-    pinned(&said, "error: there is nothing to solve from: the layout has no `observations` and the recording no `detections.csv`
+    pinned(
+        &said,
+        "error: there is nothing to solve from: the layout has no `observations` and the recording no `detections.csv`
   --> layout.yaml
-  help: run `cellmap detect` on the layout first");
+  help: run `cellmap detect` on the layout first",
+    );
     let said = refused("detect", GOOD, &[]);
-    pinned(&said, "error: no picture was found; camera `eye` looks for `images/{configuration:04}.png` in `.`
+    pinned(
+        &said,
+        "error: no picture was found; camera `eye` looks for `images/{configuration:04}.png` in `.`
   --> layout.yaml:6
     6 |     images: images/{configuration:04}.png
-  help: check the pattern, or say where the recording is with `--recording DIR`");
+  help: check the pattern, or say where the recording is with `--recording DIR`",
+    );
 }
 
 #[test]
@@ -256,7 +333,10 @@ fn an_alias_bomb() {
         bomb.push_str(&format!("a{i}: &a{i} [{}]\n", vec![alias; 10].join(", ")));
     }
     let said = refused("solve", &bomb, &[]);
-    assert!(said.starts_with("error: aliases here unfold to more than 1000000 values\n  --> layout.yaml:5\n"), "{said}");
+    assert!(
+        said.starts_with("error: aliases here unfold to more than 1000000 values\n  --> layout.yaml:5\n"),
+        "{said}"
+    );
     assert!(said.ends_with("help: write the values out; no cell needs that many\n"), "{said}");
 }
 
@@ -280,15 +360,21 @@ fn every_fault_is_named_at_once() {
 #[test]
 fn names_that_the_layout_does_not_have() {
     let said = refused("solve", GOOD, &[("corners.csv", &CORNERS.replace("eye,tag,7,3", "eye,tga,7,3"))]);
-    pinned(&said, "error: the layout has no target `tga`
+    pinned(
+        &said,
+        "error: the layout has no target `tga`
   --> ./corners.csv:5
     5 | 1,0,eye,tga,7,3,100,200
-  help: did you mean `tag`?");
+  help: did you mean `tag`?",
+    );
     let said = refused("solve", GOOD, &[("corners.csv", &CORNERS.replace("7,3,", "7,0,"))]);
-    pinned(&said, "error: this corner is given twice, first on line 2
+    pinned(
+        &said,
+        "error: this corner is given twice, first on line 2
   --> ./corners.csv:5
     5 | 1,0,eye,tag,7,0,100,200
-  help: keep one of the lines");
+  help: keep one of the lines",
+    );
 }
 
 #[test]

@@ -42,14 +42,33 @@ fn the_demo_from_end_to_end() {
 
     // The solution is a layout: it can be checked, compared, and started from.
     let solved = json(&run(&demo, &["solve", "layout.yaml", "--json"]));
-    for field in ["converged", "termination", "iterations", "initial_cost", "final_cost", "observations", "unknowns", "rms_px", "rejected", "undetermined", "seconds", "poses"] {
+    for field in [
+        "converged",
+        "termination",
+        "iterations",
+        "initial_cost",
+        "final_cost",
+        "observations",
+        "unknowns",
+        "rms_px",
+        "rejected",
+        "undetermined",
+        "seconds",
+        "poses",
+    ] {
         assert!(!solved[field].is_null(), "{field}");
     }
     assert_eq!(run(&demo, &["check", "solution.yaml"]).status.code(), Some(0));
     let same = json(&run(&demo, &["compare", "solution.yaml", "solution.json", "--json"]));
     assert_eq!(same["worst_translation_mm"], 0.0);
-    let again = json(&run(&demo, &["solve", "layout.yaml", "--start", "solution.yaml", "--json", "--out", "again.yaml"]));
-    assert!(again["iterations"].as_u64() < solved["iterations"].as_u64(), "{} {}", again["iterations"], solved["iterations"]);
+    let again =
+        json(&run(&demo, &["solve", "layout.yaml", "--start", "solution.yaml", "--json", "--out", "again.yaml"]));
+    assert!(
+        again["iterations"].as_u64() < solved["iterations"].as_u64(),
+        "{} {}",
+        again["iterations"],
+        solved["iterations"]
+    );
     let compared = json(&run(&demo, &["compare", "again.yaml", "solution.yaml", "--json"]));
     assert!(compared["worst_translation_mm"].as_f64().unwrap() < 1e-6, "{compared}");
     assert!(compared["poses"]["world_from_left"]["within_sigma"].as_f64().unwrap() < 0.1);
@@ -102,7 +121,9 @@ fn a_result_that_cannot_be_written_is_an_error_and_leaves_no_trace() {
         targets: {tag: {mount: arm.flange}}\nobservations: {target_poses: p.csv}\n";
     let row = "x,y,z,qx,qy,qz,qw\n";
     let flange = format!("configuration,robot,{row}1,arm,0,0,0,0,0,0,1\n2,arm,1,0,0,1,0,0,0\n3,arm,0,1,0,0,1,0,0\n");
-    let poses = format!("configuration,shot,camera,target,{row}1,0,eye,tag,0,0,1,0,0,0,1\n2,0,eye,tag,1,0,1,1,0,0,0\n3,0,eye,tag,0,1,1,0,1,0,0\n");
+    let poses = format!(
+        "configuration,shot,camera,target,{row}1,0,eye,tag,0,0,1,0,0,0,1\n2,0,eye,tag,1,0,1,1,0,0,0\n3,0,eye,tag,0,1,1,0,1,0,0\n"
+    );
     let dir = folder(&[("layout.yaml", layout), ("f.csv", &flange), ("p.csv", &poses), ("taken", "a file")]);
     let before = contents(dir.path());
     let output = run(dir.path(), &["solve", "layout.yaml", "--out", "taken/solution.yaml"]);
@@ -111,7 +132,11 @@ fn a_result_that_cannot_be_written_is_an_error_and_leaves_no_trace() {
     assert_eq!(before, contents(dir.path()));
     // And the same cell with a good place to write to.
     let output = run(dir.path(), &["solve", "layout.yaml"]);
-    assert!(dir.path().join("solution.yaml").exists() && dir.path().join("solution.json").exists(), "{}", stderr(&output));
+    assert!(
+        dir.path().join("solution.yaml").exists() && dir.path().join("solution.json").exists(),
+        "{}",
+        stderr(&output)
+    );
 }
 
 #[test]

@@ -63,7 +63,10 @@ fn all_turns_about_one_axis() {
     let reasons = reasons(&found);
     assert!(reasons.contains("all motions of `ur5e` turn about one axis"), "{reasons}");
     assert!(reasons.contains("turn `ur5e` about at least two different axes"), "{reasons}");
-    assert!(found["poses"]["world_from_left"]["sigma_xyz_mm"][0].as_f64().unwrap() < 1.0, "the cameras are still found");
+    assert!(
+        found["poses"]["world_from_left"]["sigma_xyz_mm"][0].as_f64().unwrap() < 1.0,
+        "the cameras are still found"
+    );
     let sigma = &found["poses"]["ur5e.flange_from_tool_cube"]["sigma_xyz_mm"];
     assert!(sigma.as_array().unwrap().iter().any(serde_json::Value::is_null), "{sigma}");
 }

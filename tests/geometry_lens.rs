@@ -22,7 +22,10 @@ fn check<L: Lens>(p: &[f64; MAX_PARAMETERS], point: [f64; 3]) {
     let plain = L::project(p, &point).unwrap();
     assert!((plain[0] - at.pixel[0]).abs() + (plain[1] - at.pixel[1]).abs() < 1e-10);
     let near = |numeric: f64, analytic: f64, what: &str| {
-        assert!((numeric - analytic).abs() < 1e-6 * (1.0 + analytic.abs()), "{what}: {numeric} {analytic} at {point:?}");
+        assert!(
+            (numeric - analytic).abs() < 1e-6 * (1.0 + analytic.abs()),
+            "{what}: {numeric} {analytic} at {point:?}"
+        );
     };
     for axis in 0..3 {
         let h = 1e-6;
@@ -92,7 +95,8 @@ fn derivatives_hold_on_the_axis_and_far_off_it() {
 
 #[test]
 fn a_fisheye_gives_back_rays_beyond_ninety_degrees() {
-    let lens = Intrinsics::new(LensModel::KannalaBrandt, [1200, 1200], [300.0, 300.0], [600.0, 600.0], &FISHEYE).unwrap();
+    let lens =
+        Intrinsics::new(LensModel::KannalaBrandt, [1200, 1200], [300.0, 300.0], [600.0, 600.0], &FISHEYE).unwrap();
     let ray = Vector3::new(1.0, 0.3, -0.2).normalize();
     let pixel = lens.project(&ray).unwrap();
     assert!((lens.ray(&pixel).unwrap() - ray).norm() < 1e-10);
@@ -114,7 +118,8 @@ fn behind_the_lens_nothing_is_seen() {
 fn undistortion_says_where_its_domain_ends() {
     // With k1 = -0.3 the image ends at r = 1/sqrt(0.9): no ray reaches further out.
     let lens =
-        Intrinsics::new(LensModel::Brown, [1280, 720], [600.0, 600.0], [640.0, 360.0], &[-0.3, 0.0, 0.0, 0.0, 0.0]).unwrap();
+        Intrinsics::new(LensModel::Brown, [1280, 720], [600.0, 600.0], [640.0, 360.0], &[-0.3, 0.0, 0.0, 0.0, 0.0])
+            .unwrap();
     let limit: f64 = 1.0 / 0.9f64.sqrt();
     let rim = limit * (1.0 - 0.3 * limit * limit);
     assert!(lens.undistort(&Vector2::new(640.0 + 600.0 * rim * 0.999, 360.0)).is_ok());

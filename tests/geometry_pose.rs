@@ -1,15 +1,14 @@
 //! Group laws and Jacobians of rotations and rigid transforms, at the identity, next to it, and everywhere.
 
-use cellmap::geometry::pose::{
-    left_jacobian, left_jacobian_inverse, parts, right_jacobian, right_jacobian_inverse,
-};
+use cellmap::geometry::pose::{left_jacobian, left_jacobian_inverse, parts, right_jacobian, right_jacobian_inverse};
 use cellmap::geometry::{Pose, Twist, rotation};
 use nalgebra::{Matrix3, Matrix6, Vector3};
 use proptest::prelude::*;
 
 /// Twists whose rotation stays short of pi, with the corners of the parameter space among them.
 fn twists() -> impl Strategy<Value = Twist> {
-    let scale = prop_oneof![Just(0.0), Just(1e-8), Just(1e-4), Just(0.1), Just(0.499), Just(0.501), Just(1.0), Just(1.7)];
+    let scale =
+        prop_oneof![Just(0.0), Just(1e-8), Just(1e-4), Just(0.1), Just(0.499), Just(0.501), Just(1.0), Just(1.7)];
     (scale, prop::array::uniform6(-1.0f64..1.0)).prop_map(|(scale, x)| Twist::from_row_slice(&x) * scale)
 }
 

@@ -40,7 +40,8 @@ fn a_grid_is_numbered_like_text_and_an_april_grid_like_kalibrs() {
 fn the_faces_of_a_cube_look_outwards_and_stand_upright() {
     let cube = TargetGeometry::cube(0.1, 0.08, &[1, 2, 3, 4, 5, 6]);
     let TargetGeometry::Tags(faces) = &cube else { panic!("a cube is tags") };
-    let normals = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0]];
+    let normals =
+        [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0]];
     for (face, normal) in faces.iter().zip(normals) {
         let pose: Pose = face.target_from_tag.unwrap();
         assert!((pose.rotation * Vector3::z() - Vector3::from(normal)).norm() < 1e-12);
@@ -65,7 +66,8 @@ fn boards_and_points_are_found_by_number_and_name() {
 
 #[test]
 fn symmetries_are_those_that_colours_leave_open() {
-    let turns = |columns, rows, numbered| TargetGeometry::Board { columns, rows, square: 1.0, numbered }.symmetries().len();
+    let turns =
+        |columns, rows, numbered| TargetGeometry::Board { columns, rows, square: 1.0, numbered }.symmetries().len();
     assert_eq!(turns(3, 4, false), 1, "one odd, one even: the colours decide");
     assert_eq!(turns(6, 4, false), 2);
     assert_eq!(turns(5, 7, false), 2);

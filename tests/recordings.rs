@@ -50,8 +50,10 @@ fn pose(solved: &Value, key: &str) -> (Vector3<f64>, UnitQuaternion<f64>) {
 #[test]
 fn the_papers_tables() {
     let Some(data) = recordings() else { return };
-    let names =
-        ["x0_mm", "y0_mm", "z0_mm", "r11", "r21", "r31", "r12", "r22", "r32", "r13", "r23", "r33", "xe_mm", "ye_mm", "ze_mm"];
+    let names = [
+        "x0_mm", "y0_mm", "z0_mm", "r11", "r21", "r31", "r12", "r22", "r32", "r13", "r23", "r33", "xe_mm", "ye_mm",
+        "ze_mm",
+    ];
     #[rustfmt::skip]
     let tables: [(&str, Option<&str>, usize, [f64; 15]); 6] = [
         ("sim_b", None, 251, [433.59, 556.01, -458.41, 1.006, -0.006, 0.001, 0.003, 1.004, -0.0, -0.006, -0.001, 1.0, 0.14, 0.23, 64.78]),
@@ -103,9 +105,11 @@ fn the_papers_whole_cell() {
     assert!((base * 1e3 - Vector3::new(435.41, 551.96, -463.28)).norm() < 0.5, "{base}");
     let (tool, _) = pose(&solved, "ur3.flange_from_tool_board");
     assert!((tool * 1e3 - Vector3::new(-2.44, 1.32, 69.43)).norm() < 0.6, "{tool}");
-    for (camera, expected) in
-        [("cam1", [747.175, 301.944, 1003.26]), ("cam2", [106.83, 1275.33, 744.215]), ("cam3", [-376.771, -325.341, 893.114])]
-    {
+    for (camera, expected) in [
+        ("cam1", [747.175, 301.944, 1003.26]),
+        ("cam2", [106.83, 1275.33, 744.215]),
+        ("cam3", [-376.771, -325.341, 893.114]),
+    ] {
         let (at, _) = pose(&solved, &format!("world_from_{camera}"));
         assert!((at * 1e3 - Vector3::from(expected)).norm() < 1.0, "{camera} {at}");
     }

@@ -3,10 +3,10 @@
 #[path = "support/cells.rs"]
 mod cells;
 
-use cells::{hidden, layout, record, solve, true_pose, two_robot_motion, two_robot_truth};
 use cellmap::geometry::Pose;
 use cellmap::recording::{PointRow, PoseRow, Recording, RobotMotion};
 use cellmap::simulate::Cell;
+use cells::{hidden, layout, record, solve, true_pose, two_robot_motion, two_robot_truth};
 
 /// Every pose that was found against the truth: (key, metres, radians).
 fn errors(solved: &cellmap::workflow::solve::Solved, truth: &cellmap::layout::Layout) -> Vec<(String, f64, f64)> {
@@ -58,13 +58,16 @@ fn with_noise_every_component_lies_within_four_sigma() {
         assert!(solved.trustworthy());
         assert!((solved.covariance.noise - 1.0).abs() < 0.05, "fitted noise {}", solved.covariance.noise);
         for (index, edge) in solved.tree.static_edges.iter().enumerate() {
-            let (Some(block), false) = (solved.plan.unknowns.edge(index), edge.key.contains("gauge") || edge.key.contains("tag61")) else {
+            let (Some(block), false) =
+                (solved.plan.unknowns.edge(index), edge.key.contains("gauge") || edge.key.contains("tag61"))
+            else {
                 continue;
             };
             let sigma = solved.covariance.pose_sigma(&solved.tree, &solved.state, &solved.plan.unknowns.blocks[block]);
             let (expected, found) = (true_pose(&truth, &edge.key), solved.state.static_poses[index]);
             let shift = found.translation - expected.translation;
-            let turn = found.rotation * cellmap::geometry::rotation::log(&(expected.rotation.inverse() * found.rotation));
+            let turn =
+                found.rotation * cellmap::geometry::rotation::log(&(expected.rotation.inverse() * found.rotation));
             for (d, s) in shift.iter().chain(turn.iter()).zip(sigma) {
                 let s = s.unwrap();
                 assert!(d.abs() < 4.0 * s, "{}: {d} against sigma {s}", edge.key);
@@ -135,7 +138,13 @@ fn waved(noise: f64) -> (Vec<Pose>, Recording) {
                 let pixel = layout.cameras[camera].intrinsics.as_ref().unwrap().project(&point).unwrap();
                 let pixel = [pixel.x + noise * draw(1.0), pixel.y + noise * draw(1.0)];
                 recording.corners.push(cellmap::recording::CornerRow {
-                    configuration, shot: 0, camera, target: 0, feature, pixel, covariance: None,
+                    configuration,
+                    shot: 0,
+                    camera,
+                    target: 0,
+                    feature,
+                    pixel,
+                    covariance: None,
                 });
             }
         }
@@ -194,7 +203,8 @@ targets:
     for configuration in 1..=20 {
         let flag = cell.pose(cell.tree.cameras[0], cell.tree.targets[1], configuration).unwrap();
         recording.poses.push(PoseRow { configuration, shot: 0, camera: 0, target: 1, pose: flag });
-        let ball = cell.pose(0, cell.tree.targets[0], configuration).unwrap() * nalgebra::Vector3::new(0.03, -0.02, 0.12);
+        let ball =
+            cell.pose(0, cell.tree.targets[0], configuration).unwrap() * nalgebra::Vector3::new(0.03, -0.02, 0.12);
         let feature = cellmap::geometry::Feature::Point("ball".into());
         recording.points.push(PointRow { configuration, shot: 0, sensor: 0, target: 0, feature, position: ball });
     }

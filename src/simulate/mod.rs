@@ -5,6 +5,7 @@
 mod cell;
 mod corners;
 pub mod demo;
+pub mod paper_size;
 mod picture;
 
 pub use cell::Cell;

@@ -46,8 +46,13 @@ impl Loss {
                 (k * k * t.ln_1p(), 1.0 / (1.0 + t))
             }
             Self::Tukey(k) => {
-                let t = 1.0 - s / (k * k);
-                if t <= 0.0 { (k * k / 3.0, 0.0) } else { (k * k / 3.0 * (1.0 - t * t * t), t * t) }
+                let u = s / (k * k);
+                if u >= 1.0 {
+                    (k * k / 3.0, 0.0)
+                } else {
+                    // k^2/3 (1 - (1 - u)^3), written so that small residuals lose no digits.
+                    (s * (1.0 - u + u * u / 3.0), (1.0 - u) * (1.0 - u))
+                }
             }
         }
     }

@@ -81,7 +81,9 @@ pub fn check(layout: &Layout) -> Result<Checked, InputError> {
                 crate::geometry::TargetGeometry::Points(points) => counted(points.len(), "point"),
                 _ => "known through measured poses".to_owned(),
             },
-            Some(Pattern::Tags { dictionary, ids }) => format!("{} of {}", counted(ids.len(), "tag"), dictionary.name()),
+            Some(Pattern::Tags { dictionary, ids }) => {
+                format!("{} of {}", counted(ids.len(), "tag"), dictionary.name())
+            }
             Some(Pattern::Checkerboard { columns, rows }) => format!("checkerboard, {columns} x {rows} inner corners"),
             Some(Pattern::Charuco { squares, dictionary, .. }) => {
                 format!("ChArUco board, {} x {} squares, {}", squares[0], squares[1], dictionary.name())

@@ -44,10 +44,7 @@ pub fn wander(middle: &[f64], stray: f64, stops: u64, seed: u64) -> BTreeMap<u64
 pub fn two_robot_motion(stops: u64) -> Vec<RobotMotion> {
     // The arms reach over the table, flanges down.
     let middle = [3.2, -1.6, 1.9, -1.87, -1.57, 0.2];
-    vec![
-        RobotMotion::Joints(wander(&middle, 0.6, stops, 7)),
-        RobotMotion::Joints(wander(&middle, 0.6, stops, 8)),
-    ]
+    vec![RobotMotion::Joints(wander(&middle, 0.6, stops, 7)), RobotMotion::Joints(wander(&middle, 0.6, stops, 8))]
 }
 
 /// A recording of corners from a truth.

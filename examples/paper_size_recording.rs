@@ -1,0 +1,32 @@
+//! Writes a recording of 7500 pictures' corners into a folder, to time and weigh `cellmap solve` on it.
+//!
+//! `cargo run --release --example paper_size_recording -- FOLDER`
+
+use std::io::Write;
+use std::path::Path;
+
+use cellmap::layout::parse_layout;
+use cellmap::recording::{RobotMotion, write_detections};
+use cellmap::simulate::paper_size;
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let folder = std::env::args().nth(1).ok_or("name a folder")?;
+    let folder = Path::new(&folder);
+    std::fs::create_dir_all(folder)?;
+    let truth = parse_layout(Path::new("truth.yaml"), &paper_size::truth(), None)?;
+    let recording = paper_size::record(&truth, 250, 10, 0.1);
+    std::fs::write(folder.join("truth.yaml"), paper_size::truth())?;
+    std::fs::write(folder.join("layout.yaml"), paper_size::hidden(false))?;
+    std::fs::write(folder.join("layout_free_lens.yaml"), paper_size::hidden(true))?;
+    write_detections(&folder.join("detections.csv"), &truth, &recording.corners)?;
+    let mut joints = std::fs::File::create(folder.join("joints.csv"))?;
+    writeln!(joints, "configuration,robot,q1,q2,q3,q4,q5,q6")?;
+    if let RobotMotion::Joints(values) = &recording.motions[0] {
+        for (configuration, q) in values {
+            let cells: Vec<String> = q.iter().map(|q| format!("{:.10}", q.to_degrees())).collect();
+            writeln!(joints, "{configuration},ur3,{}", cells.join(","))?;
+        }
+    }
+    println!("{} corners in {}", recording.corners.len(), folder.display());
+    Ok(())
+}
