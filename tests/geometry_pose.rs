@@ -69,7 +69,7 @@ proptest! {
 
 #[test]
 fn log_is_right_next_to_a_half_turn() {
-    for angle in [3.0, 3.14, std::f64::consts::PI - 1e-9] {
+    for angle in [3.0, 3.1, std::f64::consts::PI - 1e-9] {
         let v = Vector3::new(0.48, -0.6, 0.64) * angle;
         assert!((rotation::log(&rotation::exp(&v)) - v).norm() < 1e-9, "{angle}");
     }
