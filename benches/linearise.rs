@@ -22,7 +22,7 @@ fn bench(criterion: &mut Criterion) {
         let (layout, recording) = layout(refine);
         let tree = FrameTree::new(&layout);
         let mut plan = Plan::new(&layout, &tree, &recording).expect("every configuration is recorded");
-        let start = initialise(&layout, &tree, &recording, &mut plan, &[]).expect("a start is found");
+        let start = initialise(&layout, &tree, &recording, &mut plan, &[]).expect("a start is found").state;
         let corners = plan.measurements.corner_pixels.len();
         let priors = Priors::new(&tree, &plan.unknowns);
         let mut assembler = Assembler::new(&layout, &recording, &plan, priors);

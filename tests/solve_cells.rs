@@ -244,3 +244,77 @@ fn the_cost_never_rises() {
     assert!(solved.report.costs.windows(2).all(|pair| pair[1] <= pair[0]), "{:?}", solved.report.costs);
     assert!(solved.report.final_cost <= solved.report.initial_cost);
 }
+
+/// A board with an even and an even corner count looks the same upside down: whoever detects it numbers it either way, picture by picture.
+#[test]
+fn half_turned_boards_are_put_right_by_the_robots_motion() {
+    let tools = "    checkerboard: {corners: [6, 4], square: 30}\n";
+    let tool = |text: &str| {
+        let from = text.find("  tool_cube:").unwrap();
+        let to = text[from..].find("    mount: ur5e.flange").unwrap() + from;
+        format!("{}  tool_cube:\n{tools}{}", &text[..from], &text[to..])
+    };
+    let text = tool(cellmap::simulate::demo::TRUTH)
+        .replace("xyz: [2, 3, 110], rpy: [1, -0.5, 44]", "xyz: [-75, -45, 60], rpy: [178, 1, 3]");
+    // The board faces down from the flange; the cameras look up at it from below the table's edge.
+    let text = text
+        .replace("xyz: [-900, -700, 1000], rpy: [-132, 0, -45]", "xyz: [-500, -400, -500], rpy: [-55, 0, -45]")
+        .replace("xyz: [1000, -800, 1050], rpy: [-133, 0, 46]", "xyz: [600, -500, -550], rpy: [-50, 0, 46]");
+    let truth = layout(&text);
+    let stops = cells::wander(&[-1.9, -1.75, 1.9, -1.7, -1.55, 0.4], 0.35, 25, 6);
+    let mut recording = record(&truth, vec![RobotMotion::Joints(stops)], 0.05, 8);
+    let board = truth.targets.iter().position(|target| target.name == "tool_cube").unwrap();
+    let mut turned = 0;
+    for row in recording.corners.iter_mut().filter(|row| row.target == board) {
+        if let cellmap::geometry::Feature::BoardCorner(i) = &mut row.feature
+            && (row.configuration * 7 + row.camera as u64) % 3 == 0
+        {
+            *i = 23 - *i;
+            turned += 1;
+        }
+    }
+    let cameras: std::collections::BTreeSet<usize> =
+        recording.corners.iter().filter(|row| row.target == board).map(|row| row.camera).collect();
+    assert!(turned > 100 && cameras.len() >= 2, "{turned} corners turned, seen by {cameras:?}");
+    recording.corners.sort_by(|a, b| a.key().cmp(&b.key()));
+    // Tie the cameras to the world by their truth: only the robot and its board are to be found.
+    let lines: Vec<String> = text
+        .lines()
+        .scan(String::new(), |section, line| {
+            if line.starts_with("  ") && !line.starts_with("   ") || !line.starts_with(' ') {
+                *section = line.trim().to_owned();
+            }
+            let hide =
+                line.trim_start().starts_with("pose:") && !section.starts_with("left") && !section.starts_with("right");
+            Some(if hide { String::new() } else { line.to_owned() })
+        })
+        .collect();
+    let solved = solve(layout(&lines.join("\n")), &recording);
+    // The wrist camera and the pallet are out of everybody's sight here.
+    assert!(solved.report.termination.converged());
+    assert!(
+        solved.undetermined.iter().all(|u| u.reason.starts_with("no measurement sees")),
+        "{:?}",
+        solved.undetermined
+    );
+    assert!(solved.residuals.rms_px().unwrap() < 0.055, "{:?}", solved.residuals.rms_px());
+    assert_eq!(solved.rejected.total(), 0);
+    let (t, _) = (true_pose(&truth, "world_from_ur5e.base").inverse() * solved.pose("world_from_ur5e.base").unwrap())
+        .magnitude();
+    assert!(t < 1e-3, "{t}");
+}
+
+#[test]
+fn a_moving_target_that_is_hardly_seen_is_left_out_where_it_is() {
+    let (truth, mut recording) = waved(0.0);
+    // At two configurations only three corners are left: no pose.
+    recording.corners.retain(|row| {
+        ![3, 7].contains(&row.configuration)
+            || matches!(row.feature, cellmap::geometry::Feature::BoardCorner(i) if i < 3)
+    });
+    let solved = solve(layout(WAND), &recording);
+    assert!(solved.trustworthy(), "{:?} {:?}", solved.report.termination, solved.undetermined);
+    assert_eq!(solved.rejected.unplaced, 2 * 3 * 3);
+    let (t, _) = (truth[1].inverse() * solved.world_from("b").unwrap()).magnitude();
+    assert!(t < 1e-9, "{t}");
+}

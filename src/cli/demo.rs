@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use super::NOT_TRUSTWORTHY;
-use super::output::{print_json, progress_bar, stop_requested};
+use super::output::{print_json, progress_bar};
 use cellmap::complaint::InputError;
 use cellmap::export::Document;
 use cellmap::workflow::demo::{Demonstrated, demonstrate};
@@ -32,12 +32,13 @@ impl Demo {
         };
         let rendered = |done: usize, all: usize| move_to(&drawing, done, all);
         let detected = |done: usize, all: usize| move_to(&detecting, done, all);
-        let watch = Watch { progress: &detected, stop: stop_requested() };
+        // A demo that is interrupted simply ends: every file in its folder is whole.
+        let never = std::sync::atomic::AtomicBool::new(false);
+        let watch = Watch { progress: &detected, stop: &never };
         if !self.json {
-            println!(
-                "A made-up cell: a robot with a cube of tags, a tagged table, a pallet, two cameras on tripods, one on the wrist."
-            );
-            println!("Rendering its pictures, then forgetting where everything is and finding it again...");
+            println!("A made-up cell: a robot with a cube of tags, a tagged table, a pallet,");
+            println!("two cameras on tripods and one on the wrist. Rendering its pictures,");
+            println!("then forgetting where everything is and finding it again...");
         }
         let shown = demonstrate(&self.out, detector.as_ref(), &super::detect::tag_cells, &rendered, &watch)?;
         drawing.finish_and_clear();
@@ -68,7 +69,7 @@ fn show(shown: &Demonstrated, out: &std::path::Path) {
     let (d, s) = (&shown.detected, &shown.solved);
     println!();
     println!(
-        "rendered {} pictures in {:.1} s, found {} corners in {:.1} s, solved {} unknowns in {:.3} s",
+        "rendered {} pictures in {:.1} s, found {} corners in {:.1} s,\nsolved {} unknowns in {:.3} s",
         shown.pictures, shown.rendering, d.corners, d.seconds, s.unknowns, s.seconds.total
     );
     if let Some(rms) = s.residuals.rms_px() {
@@ -76,9 +77,7 @@ fn show(shown: &Demonstrated, out: &std::path::Path) {
     }
     super::compare::show(&shown.comparison);
     println!();
-    println!(
-        "Files are in {0}/: layout.yaml (what was known), truth.yaml, images/, detections.csv, solution.yaml.",
-        out.display()
-    );
-    println!("Try: cellmap check {0}/layout.yaml, then cellmap solve {0}/layout.yaml", out.display());
+    println!("Files are in {}/: layout.yaml (what was known), truth.yaml,", out.display());
+    println!("images/, detections.csv, solution.yaml. What next:");
+    println!("  cellmap check {}/layout.yaml", out.display());
 }

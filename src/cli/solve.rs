@@ -143,10 +143,13 @@ fn show(solved: &Solved) {
     if solved.rejected.total() > 0 {
         let j = &solved.rejected;
         println!("set aside as not belonging: {} corners, {} poses, {} points", j.corners, j.poses, j.points);
+        if j.unplaced > 0 {
+            println!("left out, too little of a moving target was seen: {} measurements", j.unplaced);
+        }
     }
     let s = &solved.seconds;
     println!(
-        "time: read {:.3}, initialise {:.3}, linearise {:.3}, factorise {:.3}, evaluate {:.3}, covariance {:.3}, total {:.3} s",
+        "time: {:.3} s reading, {:.3} initialising, {:.3} linearising, {:.3} factorising,\n      {:.3} evaluating, {:.3} covariance; {:.3} s in all",
         s.read, s.initialise, s.linearise, s.factorise, s.evaluate, s.covariance, s.total
     );
     for u in &solved.undetermined {

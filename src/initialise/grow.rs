@@ -53,6 +53,15 @@ struct Growth<'a> {
 /// A run of unknown static steps on a path with nothing known to vary in between: its first and last step.
 type Run = (usize, usize);
 
+/// Where the search starts.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Start {
+    /// A value for everything.
+    pub state: State,
+    /// Measurements of moving targets that were taken out of the plan, because at their configuration nothing shows enough of the target for a pose.
+    pub dropped: usize,
+}
+
 /// Finds a start for every unknown that measurements reach, and numbers symmetric boards. `start` gives starting poses by key that take
 /// the place of what the layout says.
 ///
@@ -64,7 +73,7 @@ pub fn initialise(
     recording: &Recording,
     plan: &mut Plan,
     start: &[(String, Pose)],
-) -> Result<State, InitialiseError> {
+) -> Result<Start, InitialiseError> {
     let start_of = |edge: &crate::frames::StaticEdge| {
         let given = start.iter().find(|(key, _)| *key == edge.key && edge.freedom != Freedom::Fixed);
         given.map(|(_, pose)| *pose).or(edge.spec.pose())
@@ -103,11 +112,11 @@ pub fn initialise(
             edges: missing.into_iter().map(|edge| tree.static_edges[edge].key.clone()).collect(),
         });
     }
-    growth.place_moving();
+    let placed = growth.place_moving();
     let poses = growth.block_poses();
     let state = growth.state;
     renumber_boards(layout, tree, recording, plan, &poses);
-    Ok(state)
+    Ok(Start { state, dropped: drop_unplaced(plan, &placed) })
 }
 
 impl Growth<'_> {
@@ -435,8 +444,9 @@ impl Growth<'_> {
         }
     }
 
-    /// Places every moving edge at every configuration where something sees it.
-    fn place_moving(&mut self) {
+    /// Places every moving edge at every configuration where something shows enough of it; says where that was, by edge and configuration.
+    fn place_moving(&mut self) -> Vec<Vec<bool>> {
+        let mut placed = vec![vec![false; self.plan.configurations.len()]; self.tree.moving_edges.len()];
         for edge in 0..self.tree.moving_edges.len() {
             let mut votes: Vec<Vec<Votes>> = vec![Vec::new(); self.plan.configurations.len()];
             for relation in &self.relations {
@@ -462,9 +472,11 @@ impl Growth<'_> {
             for (configuration, votes) in votes.iter().enumerate() {
                 if let Some((pose, _)) = consensus(votes) {
                     self.state.moving_poses[edge][configuration] = pose;
+                    placed[edge][configuration] = true;
                 }
             }
         }
+        placed
     }
 
     fn block_poses(&self) -> Vec<Vec<Pose>> {
@@ -472,4 +484,18 @@ impl Growth<'_> {
         let groups = self.plan.groups.iter();
         groups.map(|g| g.blocks.iter().map(|b| pose(&g.path, b.configuration)).collect()).collect()
     }
+}
+
+/// Takes blocks out of the plan whose path crosses a moving edge that has no start there; counts their measurements.
+fn drop_unplaced(plan: &mut Plan, placed: &[Vec<bool>]) -> usize {
+    let mut dropped = 0;
+    for group in &mut plan.groups {
+        let edges: Vec<usize> = group.compiled.moving.iter().map(|(_, edge)| *edge).collect();
+        group.blocks.retain(|block| {
+            let keep = edges.iter().all(|edge| placed[*edge][block.configuration]);
+            dropped += if keep { 0 } else { block.end - block.start };
+            keep
+        });
+    }
+    dropped
 }

@@ -14,6 +14,6 @@ mod planar;
 mod pose_from_points;
 mod register;
 
-pub use grow::{InitialiseError, initialise};
+pub use grow::{InitialiseError, Start, initialise};
 pub use hand_eye::{HandEye, solve_hand_eye};
 pub use pose_from_points::{PoseCandidate, poses_from_points};

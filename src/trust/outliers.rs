@@ -16,6 +16,8 @@ pub struct Rejected {
     pub poses: usize,
     /// Measured points.
     pub points: usize,
+    /// Measurements of moving targets at configurations where too little of them was seen.
+    pub unplaced: usize,
 }
 
 impl Rejected {
@@ -24,12 +26,13 @@ impl Rejected {
         self.corners += more.corners;
         self.poses += more.poses;
         self.points += more.points;
+        self.unplaced += more.unplaced;
     }
 
     /// All kinds together.
     #[must_use]
     pub fn total(&self) -> usize {
-        self.corners + self.poses + self.points
+        self.corners + self.poses + self.points + self.unplaced
     }
 }
 

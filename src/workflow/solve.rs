@@ -7,7 +7,7 @@ use std::time::Instant;
 use crate::complaint::{Complaint, InputError};
 use crate::frames::{FrameId, FrameTree, Pieces, pieces};
 use crate::geometry::Pose;
-use crate::initialise::initialise;
+use crate::initialise::{Start, initialise};
 use crate::layout::{Layout, LossSetting, Motion, read_layout};
 use crate::recording::Recording;
 use crate::solve::{Assembler, Loss, Normal, Options, Plan, PlanError, Priors, Report, State, minimise};
@@ -143,7 +143,7 @@ pub fn solve_recording(
     }
     let mut seconds = StageSeconds { read: began.elapsed().as_secs_f64(), ..StageSeconds::default() };
     let clock = Instant::now();
-    let mut state = initialise(&layout, &tree, recording, &mut plan, start).map_err(|error| {
+    let start = initialise(&layout, &tree, recording, &mut plan, start).map_err(|error| {
         Complaint::of(
             &layout.file,
             error.to_string(),
@@ -153,8 +153,9 @@ pub fn solve_recording(
     seconds.initialise = clock.elapsed().as_secs_f64();
     let priors = Priors::new(&tree, &plan.unknowns);
     let prior_count = priors.scalar_count();
+    let Start { mut state, dropped } = start;
     let beginning = state.clone();
-    let mut rejected = Rejected::default();
+    let mut rejected = Rejected { unplaced: dropped, ..Rejected::default() };
     let mut iterations = 0;
     let mut run = |assembler: &mut Assembler<'_>, state: &mut State, options: &Options| {
         let report = minimise(assembler, &tree, state, options);
