@@ -146,22 +146,6 @@ fn usual_tags_are_exact_and_unbiased() {
     assert!(tally.weak / (tally.weak + tally.corners) < 0.02);
 }
 
-/// Figures only; `cargo test -- --ignored --nocapture`.
-#[test]
-#[ignore = "minutes, prints only"]
-fn many_settings() {
-    measure("no noise", &Setting { noise: 0.0, ..USUAL });
-    measure("facing", &Setting { tilt: 0.3, ..USUAL });
-    measure("blur 0", &Setting { blur: 0.0, ..USUAL });
-    measure("blur 1.1", &Setting { blur: 1.1, ..USUAL });
-    measure("blur 1.5", &Setting { blur: 1.5, ..USUAL });
-    measure("small 24-44", &Setting { size: [24.0, 44.0], tilt: 0.8, ..USUAL });
-    measure("large", &Setting { size: [150.0, 250.0], tags: 16, ..USUAL });
-    measure("noise 8", &Setting { noise: 8.0, ..USUAL });
-    measure("rough 2 px", &Setting { rough: 2.0, ..USUAL });
-    measure("4x4", &Setting { bits: 4, ..USUAL });
-}
-
 #[test]
 fn a_bent_side_is_straightened_by_the_lens() {
     // A wide lens: a side of 150 px is bent by about a pixel.

@@ -78,17 +78,6 @@ fn joint_jacobians_agree_with_differences() {
 }
 
 #[test]
-fn corrections_become_part_of_the_model() {
-    for chain in all() {
-        let corrections: Vec<f64> = (0..24).map(|i| 0.01 * f64::from(i).cos()).collect();
-        let apart = chain.segment(&JOINTS, &corrections, 0, 7);
-        let merged = chain.with_corrections(&corrections).base_from_flange(&JOINTS);
-        let (t, r) = (apart.inverse() * merged).magnitude();
-        assert!(t < 1e-12 && r < 1e-12, "{t} {r}");
-    }
-}
-
-#[test]
 fn segments_compose() {
     for chain in all() {
         let whole = chain.base_from_flange(&JOINTS);

@@ -318,3 +318,128 @@ fn a_moving_target_that_is_hardly_seen_is_left_out_where_it_is() {
     let (t, _) = (truth[1].inverse() * solved.world_from("b").unwrap()).magnitude();
     assert!(t < 1e-9, "{t}");
 }
+
+#[test]
+fn a_prior_is_not_weighed_by_the_noise_of_the_measurements() {
+    // Nothing but its prior speaks of how far the tool is along the last joint's axis when only its origin is measured as a point of unknown place.
+    let truth = layout(&two_robot_truth());
+    let recording = record(&truth, two_robot_motion(20), 0.02, 1);
+    let text = hidden(cells::TWO_ROBOTS).replace(
+        "  pallet:                               # a single tag\n",
+        "  unseen_probe:\n    mount: ur5e.flange\n    pose : {xyz: [0, 0, 50], rpy: [0, 0, 0], sigma: {xyz: 2, rotation: 1}}\n  pallet:\n",
+    );
+    let solved = solve(layout(&text), &recording);
+    assert!(solved.covariance.noise < 0.3, "{}", solved.covariance.noise);
+    let (_, probe) =
+        cellmap::export::solution::poses(&solved).into_iter().find(|(key, _)| key.ends_with("unseen_probe")).unwrap();
+    let cellmap::export::Document::Map(entries) = probe else { panic!("a pose is a map") };
+    let sigma = &entries.iter().find(|(key, _)| key == "sigma_xyz_mm").unwrap().1;
+    assert_eq!(*sigma, cellmap::export::Document::numbers(&[2.0, 2.0, 2.0]));
+    // A measured pose with a weak prior: its sigma is the measurements'.
+    let weak = hidden(cells::TWO_ROBOTS).replace(
+        "    mount: ur5e.flange\n",
+        "    mount: ur5e.flange\n    pose : {xyz: [-4, 2, 118], rpy: [-0.7, 1.1, -58], sigma: {xyz: 20, rotation: 10}}\n",
+    );
+    let (with, without) = (solve(layout(&weak), &recording), solve(layout(&hidden(cells::TWO_ROBOTS)), &recording));
+    let sigma = |solved: &cellmap::workflow::solve::Solved| {
+        let index = solved.tree.static_edges.iter().position(|edge| edge.key == "ur5e.flange_from_ur5e_tool").unwrap();
+        let block = &solved.plan.unknowns.blocks[solved.plan.unknowns.edge(index).unwrap()];
+        solved.covariance.pose_sigma(&solved.tree, &solved.state, block)[0].unwrap()
+    };
+    assert!((sigma(&with) / sigma(&without) - 1.0).abs() < 0.02);
+}
+
+#[test]
+fn a_corner_that_cannot_be_where_it_was_read_is_set_aside() {
+    let truth = layout(&two_robot_truth());
+    let mut recording = record(&truth, two_robot_motion(20), 0.05, 1);
+    // The wrist camera claims to see the tag on its own tool, which is behind its lens plane.
+    let mut false_read = recording.corners.iter().find(|row| row.camera == 4).unwrap().clone();
+    false_read.target = truth.targets.iter().position(|target| target.name == "ur10e_tool").unwrap();
+    for corner in 0..4u8 {
+        false_read.feature = cellmap::geometry::Feature::TagCorner(72, corner);
+        false_read.pixel = [600.0 + 40.0 * f64::from(corner % 2), 500.0 + 40.0 * f64::from(corner / 2)];
+        recording.corners.push(false_read.clone());
+    }
+    recording.corners.sort_by(|a, b| a.key().cmp(&b.key()));
+    for loss in ["{huber: 1.5}", "squared"] {
+        let solved = solve(layout(&hidden(cells::TWO_ROBOTS).replace("{huber: 1.5}", loss)), &recording);
+        if loss != "squared" {
+            assert!(solved.rejected.corners >= 4, "{loss}: {:?}", solved.rejected);
+            assert!(solved.residuals.rms_px().unwrap() < 0.06, "{loss}: {:?}", solved.residuals.rms_px());
+        }
+        assert!(solved.report.final_cost < 1e7, "{loss}: no corner costs more than it can be wrong");
+    }
+}
+
+#[test]
+fn cameras_that_share_only_a_waved_board_with_a_world_that_nobody_sees_are_in_pieces() {
+    let (_, recording) = waved(0.0);
+    let text = WAND.replace("world: a", "world: bench");
+    let error = cellmap::workflow::solve::solve_recording(
+        layout(&text),
+        &recording,
+        &[],
+        Vec::new(),
+        std::time::Instant::now(),
+    )
+    .unwrap_err()
+    .to_string();
+    assert!(error.contains("the cell is in two pieces: `a`, `b`, `c` are not tied to `bench`"), "{error}");
+}
+
+#[test]
+fn link_corrections_survive_a_second_solve_and_a_rail_keeps_its_metres() {
+    use cellmap::export::solution;
+    let text = "
+cellmap: 1
+units: {length: mm, angle: deg}
+world: tracker
+sensors:
+  tracker: {measures: points}
+robots:
+  arm:
+    model: {mdh: rail.yaml}
+    joints: joints.csv
+    pose: {xyz: [100, 50, 0], rpy: [0, 0, 30]}
+    corrections: [[5, 0, 0, 0], [0.5, 0, 1, 0.2], [-0.4, 0, 0, 0]]
+targets:
+  ball: {points: {b: [10, 20, 80]}, mount: arm.flange, pose: {xyz: [0, 0, 0], rpy: [0, 0, 0]}}
+";
+    let rail = "cellmap_robot: 1\nunits: {length: mm, angle: deg}\nconvention: mdh\njoints:\n  - {alpha: 0, a: 0, theta: 0, d: 0, type: prismatic}\n  - {alpha: -90, a: 0, theta: 0, d: 0}\n  - {alpha: 90, a: 400, theta: 0, d: 0}\n";
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("rail.yaml"), rail).unwrap();
+    let parse = |text: &str| cellmap::layout::parse_layout(&dir.path().join("cell.yaml"), text, None).unwrap();
+    let truth = parse(text);
+    assert_eq!(truth.robots[0].corrections[0], 0.005, "a rail's offset is a length");
+    let joints = cells::wander(&[0.3, 0.2, -0.3], 0.9, 40, 3);
+    let mut recording = Recording { motions: vec![RobotMotion::Joints(joints)], ..Recording::default() };
+    let shadow = recording.clone();
+    let cell = Cell::new(&truth, &shadow);
+    for configuration in 1..=40 {
+        let position =
+            cell.pose(0, cell.tree.targets[0], configuration).unwrap() * nalgebra::Vector3::new(0.01, 0.02, 0.08);
+        let feature = cellmap::geometry::Feature::Point("b".into());
+        recording.points.push(PointRow { configuration, shot: 0, sensor: 0, target: 0, feature, position });
+    }
+    // The base is known; the links are to be found.
+    let lines: Vec<&str> = text.lines().filter(|line| !line.contains("corrections")).collect();
+    let unknown = lines
+        .join("\n")
+        .replace("joints: joints.csv", "joints: joints.csv\n    identify: {joint_offsets: {sigma: 20}}");
+    let layout = parse(&unknown);
+    let solved = solve(layout, &recording);
+    let offset = solved.state.corrections[0][0];
+    assert!((offset - 0.005).abs() < 2e-3, "{offset}");
+    let again = parse(&solution::document(&solved, dir.path()).to_yaml().unwrap());
+    let kept = &again.robots[0].corrections;
+    assert!(kept.iter().zip(&solved.state.corrections[0]).all(|(a, b)| (a - b).abs() < 1e-12), "{kept:?}");
+    // Solving the solution keeps what it found of the links.
+    let second = solve(again, &recording);
+    assert_eq!(second.state.corrections[0], solution_corrections(&second));
+    assert!((second.residuals.rms_points().unwrap() - solved.residuals.rms_points().unwrap()).abs() < 1e-9);
+}
+
+fn solution_corrections(solved: &cellmap::workflow::solve::Solved) -> Vec<f64> {
+    solved.layout.robots[0].corrections.clone()
+}

@@ -138,11 +138,14 @@ fn show(solved: &Solved) {
         println!("residual: {:.3} mm over {} measured points", e * 1e3, r.points.iter().flatten().count());
     }
     if let Some(e) = r.rms_contacts() {
-        println!("residual: {:.3} mm over {} contacts", e * 1e3, r.contacts.len());
+        println!("residual: {:.3} mm over {} contacts", e * 1e3, r.contacts.iter().flatten().count());
     }
     if solved.rejected.total() > 0 {
         let j = &solved.rejected;
-        println!("set aside as not belonging: {} corners, {} poses, {} points", j.corners, j.poses, j.points);
+        println!(
+            "set aside as not belonging: {} corners, {} poses, {} points, {} contacts",
+            j.corners, j.poses, j.points, j.contacts
+        );
         if j.unplaced > 0 {
             println!("left out, too little of a moving target was seen: {} measurements", j.unplaced);
         }

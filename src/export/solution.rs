@@ -7,10 +7,10 @@ use std::path::Path;
 
 use super::document::Document;
 use crate::frames::{Edge, Freedom};
-use crate::geometry::{Pattern, Pose, TargetGeometry, rotation};
-use crate::layout::{Camera, LossSetting, ModelSource, Motion, Mount, Robot, Target, Units};
+use crate::geometry::{Pattern, Pose, TagFace, TargetGeometry, rotation};
+use crate::layout::{Camera, LossSetting, ModelSource, Motion, Mount, PoseSpec, Robot, Target, Units};
 use crate::recording::atomic;
-use crate::robot::PARAMETERS_PER_LINK;
+use crate::robot::{JointKind, Link, PARAMETERS_PER_LINK};
 use crate::solve::UnknownKind;
 use crate::workflow::solve::Solved;
 
@@ -22,7 +22,8 @@ const DEGREE: f64 = std::f64::consts::PI / 180.0;
 /// # Errors
 /// When a file cannot be written; older files then stand untouched.
 pub fn write(path: &Path, solved: &Solved) -> std::io::Result<()> {
-    let document = document(solved);
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let document = document(solved, folder);
     let json = document.to_json()?;
     if path.extension().is_some_and(|e| e == "json") {
         return atomic::write(path, |out| writeln!(out, "{json}"));
@@ -39,10 +40,47 @@ pub fn write(path: &Path, solved: &Solved) -> std::io::Result<()> {
     atomic::write(&path.with_extension("json"), |out| writeln!(out, "{json}"))
 }
 
-/// The whole solution as a document.
+/// How a solution names files so that it can be loaded from its own folder.
+struct Paths<'a> {
+    recording: &'a Path,
+    layout_folder: &'a Path,
+    /// Whether the solution stands in the recording, so that relative paths keep their meaning.
+    at_home: bool,
+}
+
+impl<'a> Paths<'a> {
+    fn new(layout: &'a crate::layout::Layout, folder: &Path) -> Self {
+        let same = |a: &Path, b: &Path| matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b);
+        let layout_folder = layout.file.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        Self { recording: &layout.recording, layout_folder, at_home: same(&layout.recording, folder) }
+    }
+
+    /// A file of the recording.
+    fn data(&self, file: &str) -> Document {
+        if self.at_home { Document::text(file) } else { Self::absolute(&self.recording.join(file)) }
+    }
+
+    /// A robot, target or lens file: in the recording or beside the layout.
+    fn description(&self, file: &str) -> Document {
+        if self.recording.join(file).exists() {
+            self.data(file)
+        } else {
+            Self::absolute(&self.layout_folder.join(file))
+        }
+    }
+
+    fn absolute(path: &Path) -> Document {
+        // A pattern of pictures is no file that exists: its folder is made absolute, not it.
+        let absolute = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+        Document::text(absolute.display().to_string())
+    }
+}
+
+/// The whole solution as a document, with paths that hold in `folder`.
 #[must_use]
-pub fn document(solved: &Solved) -> Document {
+pub fn document(solved: &Solved, folder: &Path) -> Document {
     let layout = &solved.layout;
+    let paths = &Paths::new(layout, folder);
     let (length, angle) = layout.units.names();
     let mut root = vec![
         ("cellmap".to_owned(), Document::Whole(1)),
@@ -55,9 +93,9 @@ pub fn document(solved: &Solved) -> Document {
         }
     };
     let cameras = layout.cameras.iter().enumerate();
-    section("cameras", cameras.map(|(i, c)| (c.name.clone(), camera(solved, i, c))).collect());
+    section("cameras", cameras.map(|(i, c)| (c.name.clone(), camera(solved, paths, i, c))).collect());
     let robots = layout.robots.iter().enumerate();
-    section("robots", robots.map(|(i, r)| (r.name.clone(), robot(solved, i, r))).collect());
+    section("robots", robots.map(|(i, r)| (r.name.clone(), robot(solved, paths, i, r))).collect());
     let sensors = layout.sensors.iter().enumerate();
     let sensor = |(i, s): (usize, &crate::layout::Sensor)| {
         let mut entries = vec![("measures".to_owned(), Document::text("points"))];
@@ -66,8 +104,8 @@ pub fn document(solved: &Solved) -> Document {
     };
     section("sensors", sensors.map(sensor).collect());
     let targets = layout.targets.iter().enumerate();
-    section("targets", targets.map(|(i, t)| (t.name.clone(), target(solved, i, t))).collect());
-    let files = |list: &[String]| Document::Row(list.iter().map(Document::text).collect());
+    section("targets", targets.map(|(i, t)| (t.name.clone(), target(solved, paths, i, t))).collect());
+    let files = |list: &[String]| Document::Row(list.iter().map(|file| paths.data(file)).collect());
     let observed = &layout.observations;
     let kinds = [
         ("detections", &observed.detections),
@@ -108,10 +146,10 @@ fn place(entries: &mut Vec<(String, Document)>, mount: &Mount, solved: &Solved, 
     }
 }
 
-fn camera(solved: &Solved, index: usize, camera: &Camera) -> Document {
+fn camera(solved: &Solved, paths: &Paths<'_>, index: usize, camera: &Camera) -> Document {
     let mut entries = Vec::new();
     if let Some(images) = &camera.images {
-        entries.push(("images".to_owned(), Document::text(images)));
+        entries.push(("images".to_owned(), paths.data(images)));
     }
     if let Some(intrinsics) = &camera.intrinsics {
         let lens = intrinsics.with_parameters(solved.state.lenses[index]);
@@ -131,15 +169,15 @@ fn camera(solved: &Solved, index: usize, camera: &Camera) -> Document {
     Document::Map(entries)
 }
 
-fn robot(solved: &Solved, index: usize, robot: &Robot) -> Document {
+fn robot(solved: &Solved, paths: &Paths<'_>, index: usize, robot: &Robot) -> Document {
     let mut entries = Vec::new();
     let text = Document::text;
     let model = match &robot.model_source {
         ModelSource::BuiltIn(name) => Some(text(name)),
-        ModelSource::Mdh(file) => Some(Document::map([("mdh", text(file))])),
-        ModelSource::Dh(file) => Some(Document::map([("dh", text(file))])),
+        ModelSource::Mdh(file) => Some(Document::map([("mdh", paths.description(file))])),
+        ModelSource::Dh(file) => Some(Document::map([("dh", paths.description(file))])),
         ModelSource::Urdf(file, base, tip) => {
-            Some(Document::map([("urdf", text(file)), ("base", text(base)), ("tip", text(tip))]))
+            Some(Document::map([("urdf", paths.description(file)), ("base", text(base)), ("tip", text(tip))]))
         }
         ModelSource::Reported => None,
     };
@@ -147,27 +185,40 @@ fn robot(solved: &Solved, index: usize, robot: &Robot) -> Document {
         entries.push(("model".to_owned(), model));
     }
     match &robot.motion {
-        Motion::Joints { file, .. } => entries.push(("joints".to_owned(), text(file))),
-        Motion::FlangePoses { file } => entries.push(("flange_poses".to_owned(), text(file))),
+        Motion::Joints { file, .. } => entries.push(("joints".to_owned(), paths.data(file))),
+        Motion::FlangePoses { file } => entries.push(("flange_poses".to_owned(), paths.data(file))),
     }
-    if !robot.identify.is_empty() {
+    let corrections = &solved.state.corrections[index];
+    if let Motion::Joints { chain, .. } = &robot.motion
+        && corrections.iter().any(|c| *c != 0.0)
+    {
         let units = solved.layout.units;
-        let rows = solved.state.corrections[index].chunks_exact(PARAMETERS_PER_LINK);
-        let row = |c: &[f64]| {
-            Document::numbers(&[c[0] / units.angle, c[1] / units.length, c[2] / units.length, c[3] / units.angle])
+        let row = |(link, c): (&Link, &[f64])| {
+            let offset = if link.joint == JointKind::Revolute { units.angle } else { units.length };
+            Document::numbers(&[c[0] / offset, c[1] / units.length, c[2] / units.length, c[3] / units.angle])
         };
-        entries.push(("corrections".to_owned(), Document::List(rows.map(row).collect())));
+        let rows = chain.links.iter().zip(corrections.chunks_exact(PARAMETERS_PER_LINK)).map(row);
+        entries.push(("corrections".to_owned(), Document::List(rows.collect())));
     }
     place(&mut entries, &robot.mount, solved, solved.tree.robots[index][0]);
     Document::Map(entries)
 }
 
-fn target(solved: &Solved, index: usize, target: &Target) -> Document {
+fn target(solved: &Solved, paths: &Paths<'_>, index: usize, target: &Target) -> Document {
     let units = solved.layout.units;
     let mut entries = match Document::from(&target.description) {
         Document::Map(entries) => entries,
         _ => Vec::new(),
     };
+    for (key, value) in &mut entries {
+        if let (true, Document::Map(inner)) = (key == "tags", value) {
+            for (_, file) in inner.iter_mut().filter(|(key, _)| key == "file") {
+                if let Document::Text(name) = file {
+                    *file = paths.description(name);
+                }
+            }
+        }
+    }
     // Places that were unknown stand in the solution as found.
     match &target.geometry {
         TargetGeometry::Points(points) if points.iter().any(|(_, place)| place.is_none()) => {
@@ -182,19 +233,16 @@ fn target(solved: &Solved, index: usize, target: &Target) -> Document {
             entries = vec![("points".to_owned(), Document::Map(places.collect()))];
         }
         TargetGeometry::Tags(faces) if faces.iter().any(|face| face.target_from_tag.is_none()) => {
-            let all: Option<Vec<Document>> = faces
-                .iter()
-                .map(|face| {
-                    let pose =
-                        face.target_from_tag.or_else(|| part(solved, &format!("{}.tag{}", target.name, face.id)))?;
-                    Some(Document::map([
-                        ("id", Document::Whole(u64::from(face.id))),
-                        ("size", number(face.size / units.length)),
-                        ("pose", pose_document(&pose, units)),
-                    ]))
-                })
-                .collect();
-            if let (Some(all), Some(Pattern::Tags { dictionary, .. })) = (all, &target.pattern) {
+            let one = |face: &TagFace| {
+                let pose = face.target_from_tag.or_else(|| part(solved, &format!("{}.tag{}", target.name, face.id)));
+                Document::map([
+                    ("id", Document::Whole(u64::from(face.id))),
+                    ("size", number(face.size / units.length)),
+                    ("pose", pose.map_or(Document::text("unknown"), |pose| pose_document(&pose, units))),
+                ])
+            };
+            let all: Vec<Document> = faces.iter().map(one).collect();
+            if let Some(Pattern::Tags { dictionary, .. }) = &target.pattern {
                 let tags =
                     Document::map([("dictionary", Document::text(dictionary.name())), ("places", Document::List(all))]);
                 entries = vec![("tags".to_owned(), tags)];
@@ -255,14 +303,21 @@ pub fn poses(solved: &Solved) -> Vec<(String, Document)> {
             Some(block) => {
                 solved.covariance.pose_sigma(&solved.tree, &solved.state, &solved.plan.unknowns.blocks[block])
             }
-            None => [Some(0.0); 6],
+            // Fixed, or known by nothing but its prior.
+            None => match &edge.spec {
+                PoseSpec::Prior(_, sigma) => {
+                    let (t, r) = (sigma.translation, sigma.rotation);
+                    [t[0], t[1], t[2], r[0], r[1], r[2]].map(Some)
+                }
+                _ => [Some(0.0); 6],
+            },
         };
         let xyz: [f64; 3] = (pose.translation * 1e3).into();
         let turn: [f64; 3] = (rotation::log(&pose.rotation) / DEGREE).into();
         let scaled = |i: usize, scale: f64| sigma[i].map(|s| s * scale);
         let kind = match (edge.freedom, &edge.spec) {
             (Freedom::Fixed, _) => "fixed",
-            (_, crate::layout::PoseSpec::Prior(..)) => "found with a prior",
+            (_, PoseSpec::Prior(..)) => "found with a prior",
             _ => "found",
         };
         all.push((

@@ -17,10 +17,17 @@ pub struct Pieces {
 }
 
 /// Splits the cell into pieces: within each rigid body, frames are tied by known poses, by priors, and by every measured path that runs
-/// through them without a joint in between. A frame that is measured but not tied to its body's own frame floats.
+/// through them without a joint in between. Two paths that end at one moving target at one configuration are tied to each other, but not to what the
+/// target moves against. A frame that is measured but not tied to its body's own frame floats.
+///
+/// `measured` gives each path with the configurations (any numbering) at which it was measured.
 #[must_use]
-pub fn pieces<'a>(tree: &FrameTree, measured: impl IntoIterator<Item = &'a Path>) -> Pieces {
-    let mut ties = UnionFind::<usize>::new(tree.frames.len());
+pub fn pieces<'a>(tree: &FrameTree, measured: impl IntoIterator<Item = (&'a Path, Vec<usize>)>) -> Pieces {
+    let measured: Vec<(&Path, Vec<usize>)> = measured.into_iter().collect();
+    let configurations = measured.iter().flat_map(|(_, at)| at.iter().map(|c| c + 1)).max().unwrap_or(0);
+    // After the frames, a node for each moving edge at each configuration.
+    let moving_node = |edge: usize, configuration: usize| tree.frames.len() + edge * configurations + configuration;
+    let mut ties = UnionFind::<usize>::new(tree.frames.len() + tree.moving_edges.len() * configurations);
     for edge in &tree.static_edges {
         if !matches!(edge.spec, PoseSpec::Unknown | PoseSpec::Start(_))
             && let Some(parent) = tree.frames[edge.frame].parent
@@ -29,23 +36,37 @@ pub fn pieces<'a>(tree: &FrameTree, measured: impl IntoIterator<Item = &'a Path>
         }
     }
     let mut touched: BTreeSet<FrameId> = BTreeSet::new();
-    for path in measured {
+    for (path, at) in &measured {
         // A run of static steps from a frame `a` to a frame `b` fixes a_from_b, but not where the frames between stand.
         let mut run_start = path.stops[0];
         for (i, step) in path.steps.iter().enumerate() {
-            let stop = path.stops[i + 1];
-            let Step::Static { edge, .. } = step else {
-                run_start = stop;
-                continue;
-            };
-            touched.insert(tree.static_edges[*edge].frame);
-            if !matches!(path.steps.get(i + 1), Some(Step::Static { .. })) {
-                ties.union(run_start, stop);
+            let (stop, next) = (path.stops[i + 1], path.steps.get(i + 1));
+            match step {
+                Step::Static { edge, .. } => {
+                    touched.insert(tree.static_edges[*edge].frame);
+                    match next {
+                        Some(Step::Static { .. } | Step::Moving { inverse: false, .. }) => {}
+                        _ => {
+                            ties.union(run_start, stop);
+                        }
+                    }
+                }
+                // Downwards, the run ends at the target's place of the moment; upwards, one begins there.
+                Step::Moving { edge, inverse } => {
+                    touched.insert(tree.moving_edges[*edge].frame);
+                    let free_end = if *inverse { path.stops[end_of_run(path, i + 1)] } else { run_start };
+                    for configuration in at {
+                        ties.union(free_end, moving_node(*edge, *configuration));
+                    }
+                    run_start = if *inverse { free_end } else { stop };
+                }
+                Step::Robot { .. } => run_start = stop,
             }
         }
     }
     let mut groups: BTreeMap<(FrameId, usize), Vec<FrameId>> = BTreeMap::new();
     let mut result = Pieces::default();
+    result.unseen.extend(tree.moving_edges.iter().map(|edge| edge.frame).filter(|frame| !touched.contains(frame)));
     for edge in tree.static_edges.iter().filter(|edge| edge.freedom.count() > 0) {
         let body = tree.body(edge.frame);
         if !touched.contains(&edge.frame) && !matches!(edge.spec, PoseSpec::Prior(..)) {
@@ -56,4 +77,10 @@ pub fn pieces<'a>(tree: &FrameTree, measured: impl IntoIterator<Item = &'a Path>
     }
     result.floating = groups.into_iter().map(|((body, _), frames)| (body, frames)).collect();
     result
+}
+
+/// The stop at which the run of static steps that starts at stop `start` ends.
+fn end_of_run(path: &Path, start: usize) -> usize {
+    let steps = path.steps[start..].iter().take_while(|step| matches!(step, Step::Static { .. })).count();
+    start + steps
 }

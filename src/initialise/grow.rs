@@ -1,6 +1,7 @@
 //! Growing what is known from the world outwards.
 
 use nalgebra::{Vector2, Vector3};
+use std::collections::BTreeMap;
 use thiserror::Error;
 
 use super::consensus::{Votes, consensus};
@@ -9,9 +10,8 @@ use super::observe::{Observation, observe, renumber_boards};
 use super::register::{RobotPoint, register_robot, rigid_fit, triangulate};
 use crate::frames::{FrameId, FrameTree, Freedom, Path, Step};
 use crate::geometry::{Intrinsics, Pose};
-use crate::layout::{Layout, Motion};
+use crate::layout::Layout;
 use crate::recording::Recording;
-use crate::robot::PARAMETERS_PER_LINK;
 use crate::solve::{GroupKind, Plan, State};
 
 /// Why no start was found although everything hangs together.
@@ -46,6 +46,8 @@ struct Growth<'a> {
     plan: &'a Plan,
     state: State,
     known: Vec<bool>,
+    /// Edges whose start was given, which nobody moves.
+    given: Vec<bool>,
     relations: Vec<Relation>,
     points: Vec<PointRelation>,
 }
@@ -79,10 +81,6 @@ pub fn initialise(
         given.map(|(_, pose)| *pose).or(edge.spec.pose())
     };
     let starts: Vec<Option<Pose>> = tree.static_edges.iter().map(start_of).collect();
-    let corrections = layout.robots.iter().map(|robot| match &robot.motion {
-        Motion::Joints { chain, .. } => vec![0.0; chain.joint_count() * PARAMETERS_PER_LINK],
-        Motion::FlangePoses { .. } => Vec::new(),
-    });
     let lens = |intrinsics: &Option<Intrinsics>| intrinsics.as_ref().map_or([0.0; 12], |i| *i.parameters());
     let mut growth = Growth {
         layout,
@@ -90,10 +88,11 @@ pub fn initialise(
         recording,
         plan,
         known: starts.iter().map(Option::is_some).collect(),
+        given: starts.iter().map(Option::is_some).collect(),
         state: State {
             static_poses: starts.into_iter().map(Option::unwrap_or_default).collect(),
             moving_poses: vec![vec![Pose::identity(); plan.configurations.len()]; tree.moving_edges.len()],
-            corrections: corrections.collect(),
+            corrections: layout.robots.iter().map(|robot| robot.corrections.clone()).collect(),
             lenses: layout.cameras.iter().map(|camera| lens(&camera.intrinsics)).collect(),
         },
         relations: Vec::new(),
@@ -427,7 +426,7 @@ impl Growth<'_> {
     fn settle(&mut self) {
         for _ in 0..2 {
             for edge in 0..self.known.len() {
-                let free = self.tree.static_edges[edge].spec.pose().is_none() && self.known[edge];
+                let free = !self.given[edge] && self.known[edge];
                 if !free || self.tree.static_edges[edge].freedom != Freedom::Pose {
                     continue;
                 }
@@ -444,39 +443,42 @@ impl Growth<'_> {
         }
     }
 
-    /// Places every moving edge at every configuration where something shows enough of it; says where that was, by edge and configuration.
+    /// Places every moving edge at every configuration where something shows enough of it; says where that was, by edge and configuration. What stands on
+    /// something that moves is placed after it.
     fn place_moving(&mut self) -> Vec<Vec<bool>> {
         let mut placed = vec![vec![false; self.plan.configurations.len()]; self.tree.moving_edges.len()];
-        for edge in 0..self.tree.moving_edges.len() {
-            let mut votes: Vec<Vec<Votes>> = vec![Vec::new(); self.plan.configurations.len()];
+        loop {
+            let mut votes: BTreeMap<(usize, usize), Vec<Votes>> = BTreeMap::new();
             for relation in &self.relations {
                 let steps = &relation.path.steps;
-                let mut moving = steps.iter().enumerate().filter(|(_, step)| matches!(step, Step::Moving { .. }));
-                let (Some((at, Step::Moving { edge: found, inverse })), None) = (moving.next(), moving.next()) else {
-                    continue;
-                };
-                if *found != edge {
-                    continue;
-                }
                 for observation in &relation.observations {
-                    let before = self.product(&steps[..at], observation.configuration).inverse();
-                    let after = self.product(&steps[at + 1..], observation.configuration).inverse();
+                    let at = observation.configuration;
+                    let mut open = steps.iter().enumerate().filter_map(|(i, step)| match step {
+                        Step::Moving { edge, inverse } if !placed[*edge][at] => Some((i, *edge, *inverse)),
+                        _ => None,
+                    });
+                    let (Some((i, edge, inverse)), None) = (open.next(), open.next()) else { continue };
+                    let (before, after) =
+                        (self.product(&steps[..i], at).inverse(), self.product(&steps[i + 1..], at).inverse());
                     let place = |z: &Pose| {
                         let value = before * *z * after;
-                        if *inverse { value.inverse() } else { value }
+                        if inverse { value.inverse() } else { value }
                     };
                     let candidates = observation.votes.candidates.iter().map(place).collect();
-                    votes[observation.configuration].push(Votes { candidates, ..observation.votes.clone() });
+                    votes.entry((edge, at)).or_default().push(Votes { candidates, ..observation.votes.clone() });
                 }
             }
-            for (configuration, votes) in votes.iter().enumerate() {
-                if let Some((pose, _)) = consensus(votes) {
+            let before: usize = placed.iter().flatten().filter(|placed| **placed).count();
+            for ((edge, configuration), votes) in votes {
+                if let Some((pose, _)) = consensus(&votes) {
                     self.state.moving_poses[edge][configuration] = pose;
                     placed[edge][configuration] = true;
                 }
             }
+            if placed.iter().flatten().filter(|placed| **placed).count() == before {
+                return placed;
+            }
         }
-        placed
     }
 
     fn block_poses(&self) -> Vec<Vec<Pose>> {

@@ -4,7 +4,7 @@
 //! suggestion always agree with what the program reads.
 
 use std::cell::RefCell;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
 use super::yaml::{Node, Value};
@@ -17,13 +17,15 @@ pub struct Gathered<'a> {
     pub file: &'a Path,
     /// What was found wrong so far.
     pub complaints: RefCell<Vec<Complaint>>,
+    /// Other files that were read on the way.
+    pub read: RefCell<Vec<PathBuf>>,
 }
 
 impl<'a> Gathered<'a> {
     /// Nothing wrong so far.
     #[must_use]
     pub fn new(file: &'a Path) -> Self {
-        Self { file, complaints: RefCell::new(Vec::new()) }
+        Self { file, complaints: RefCell::default(), read: RefCell::default() }
     }
 
     /// Adds a complaint about a line and returns `None`, for use as a function's value.

@@ -85,6 +85,8 @@ pub struct Layout {
     pub sensors: Vec<Sensor>,
     /// In the order of the file.
     pub targets: Vec<Target>,
+    /// Robot, target and lens files that were read.
+    pub files: Vec<PathBuf>,
     /// Which files hold measurements.
     pub observations: Observations,
     /// How to solve.
@@ -145,6 +147,8 @@ pub struct Robot {
     pub pose: PoseSpec,
     /// Which link parameters are to be found.
     pub identify: Vec<LinkParameters>,
+    /// What an earlier solution found of the links ([`crate::robot::PARAMETERS_PER_LINK`] a link), added to the model; zeros otherwise.
+    pub corrections: Vec<f64>,
     /// What the layout called the model, to write it out again.
     pub model_source: ModelSource,
 }
@@ -201,7 +205,7 @@ pub enum ModelSource {
 pub struct LinkParameters {
     /// Which correction of every link.
     pub kind: ParameterKind,
-    /// Standard deviation of the prior about the nominal value (rad or m; for a prismatic joint's offset, m); none: no prior.
+    /// Standard deviation of the prior about the nominal value, in the layout's units of angle or length as the parameter demands; none: no prior.
     pub sigma: Option<f64>,
 }
 

@@ -1,6 +1,5 @@
 //! Reading a layout file as a whole.
 
-use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 
 use super::cameras::read_camera;
@@ -55,7 +54,10 @@ pub(super) fn read_mount(fields: &Fields<'_>) -> Option<Mount> {
 /// The text of a file that a layout names on `line`.
 pub(super) fn read_text_file(to: &Gathered<'_>, line: usize, path: &Path) -> Option<String> {
     match read_bounded(path) {
-        Ok(text) => Some(text),
+        Ok(text) => {
+            to.read.borrow_mut().push(path.to_owned());
+            Some(text)
+        }
         Err(what) => to.complain(
             line,
             format!("the file `{}` {what}", path.display()),
@@ -104,10 +106,11 @@ pub fn parse_layout(file: &Path, text: &str, recording: Option<&Path>) -> Result
     let recording = recording.unwrap_or(folder);
     let root = yaml::parse(text)
         .map_err(|YamlError { line, what, remedy }| InputError::from(Complaint::at(file, line, what, remedy)))?;
-    let to = Gathered { file, complaints: RefCell::default() };
-    let layout = read_root(&to, &root, folder, recording);
-    if let Some(layout) = &layout {
+    let to = Gathered::new(file);
+    let mut layout = read_root(&to, &root, folder, recording);
+    if let Some(layout) = &mut layout {
         names::check(&to, layout);
+        layout.files = to.read.take();
     }
     let complaints = to.complaints.into_inner();
     match layout {
@@ -156,6 +159,7 @@ fn read_root(to: &Gathered<'_>, root: &Node, folder: &Path, recording: &Path) ->
         robots: robots?,
         sensors: sensors?,
         targets: targets?,
+        files: Vec::new(),
         observations: observations?,
         solve: solve?,
         solved: solved?,

@@ -10,7 +10,7 @@ use super::read::{Context, read_mount, read_text_file};
 use super::yaml::{self, Node, Value};
 use crate::complaint::{Complaint, list, nearest};
 use crate::geometry::Pose;
-use crate::robot::{Chain, JointKind, Link, LinkShape, ParameterKind, urdf};
+use crate::robot::{Chain, JointKind, Link, LinkShape, PARAMETERS_PER_LINK, ParameterKind, urdf};
 
 pub(super) fn read_robot(context: &Context<'_>, name: &str, node: &Node) -> Option<Robot> {
     let to = context.to;
@@ -21,7 +21,7 @@ pub(super) fn read_robot(context: &Context<'_>, name: &str, node: &Node) -> Opti
     let mount = read_mount(&fields);
     let pose = context.read_pose_of(&fields);
     let corrections = fields.get("corrections");
-    let identify = fields.get("identify").map(|node| read_identify(to, name, node, context.units));
+    let identify = fields.get("identify").map(|node| read_identify(to, name, node));
     let line = fields.line;
     let motion = match (model, joints, flange_poses) {
         (Some(model), Some(joints), None) => {
@@ -54,14 +54,13 @@ pub(super) fn read_robot(context: &Context<'_>, name: &str, node: &Node) -> Opti
     };
     fields.finish();
     let identify = identify.unwrap_or(Some(Vec::new()));
-    let (mut motion, model_source) = motion?;
+    let (motion, model_source) = motion?;
     let identify = identify?;
-    if let Some(node) = corrections {
-        let values = read_corrections(to, name, node, &motion, context.units)?;
-        if let Motion::Joints { chain, .. } = &mut motion {
-            *chain = chain.with_corrections(&values);
-        }
-    }
+    let corrections = match (corrections, &motion) {
+        (Some(node), _) => read_corrections(to, name, node, &motion, context.units)?,
+        (None, Motion::Joints { chain, .. }) => vec![0.0; chain.joint_count() * PARAMETERS_PER_LINK],
+        (None, Motion::FlangePoses { .. }) => Vec::new(),
+    };
     if !identify.is_empty() && matches!(motion, Motion::FlangePoses { .. }) {
         return to.complain(
             line,
@@ -69,19 +68,19 @@ pub(super) fn read_robot(context: &Context<'_>, name: &str, node: &Node) -> Opti
             "give `model` and `joints`",
         );
     }
-    Some(Robot { name: name.to_owned(), line, motion, mount: mount?, pose: pose?, identify, model_source })
+    Some(Robot { name: name.to_owned(), line, motion, mount: mount?, pose: pose?, identify, corrections, model_source })
 }
 
-fn read_identify(to: &Gathered<'_>, name: &str, node: &Node, units: Units) -> Option<Vec<LinkParameters>> {
+fn read_identify(to: &Gathered<'_>, name: &str, node: &Node) -> Option<Vec<LinkParameters>> {
     let fields = Fields::open(to, node, format!("`identify` of robot `{name}`"))?;
-    let families: [(&'static str, &[ParameterKind], f64); 3] = [
-        ("joint_offsets", &[ParameterKind::JointOffset], units.angle),
-        ("lengths", &[ParameterKind::LengthD, ParameterKind::LengthA], units.length),
-        ("angles", &[ParameterKind::TwistAlpha], units.angle),
+    let families: [(&'static str, &[ParameterKind]); 3] = [
+        ("joint_offsets", &[ParameterKind::JointOffset]),
+        ("lengths", &[ParameterKind::LengthD, ParameterKind::LengthA]),
+        ("angles", &[ParameterKind::TwistAlpha]),
     ];
     let mut wanted = Vec::new();
     let mut fine = true;
-    for (key, kinds, scale) in families {
+    for (key, kinds) in families {
         let Some(node) = fields.get(key) else { continue };
         let Some(inner) = Fields::open(to, node, format!("`{key}` of robot `{name}`")) else {
             fine = false;
@@ -90,7 +89,7 @@ fn read_identify(to: &Gathered<'_>, name: &str, node: &Node, units: Units) -> Op
         let sigma = match inner.get("sigma") {
             None => None,
             Some(node) => match inner.positive(node, "`sigma`") {
-                Some(sigma) => Some(sigma * scale),
+                Some(sigma) => Some(sigma),
                 None => {
                     fine = false;
                     None
@@ -192,7 +191,10 @@ fn read_model(context: &Context<'_>, name: &str, node: &Node) -> Option<(Chain, 
 fn read_urdf(context: &Context<'_>, line: usize, file: &str, base: &str, tip: &str) -> Option<(Chain, ModelSource)> {
     let path = context.resolve(file);
     match urdf::read_chain(&path, base, tip) {
-        Ok(chain) => Some((chain, ModelSource::Urdf(file.to_owned(), base.to_owned(), tip.to_owned()))),
+        Ok(chain) => {
+            context.to.read.borrow_mut().push(path);
+            Some((chain, ModelSource::Urdf(file.to_owned(), base.to_owned(), tip.to_owned())))
+        }
         Err(error) => {
             let remedy = match &error {
                 urdf::UrdfError::NoSuchLink { name, links } => match nearest(name, links.iter().map(String::as_str)) {

@@ -378,11 +378,12 @@ fn read_places(to: &Gathered<'_>, node: &Node, units: Units) -> Option<Vec<TagFa
             let fields = Fields::open(to, node, "a tag")?;
             let id = fields.require("id", "0").and_then(|node| fields.whole(node, "`id`", 0, 1_000_000));
             let size = fields.require("size", "70").and_then(|node| fields.positive(node, "`size`"));
-            let pose = fields
-                .require("pose", "{xyz: [0, 0, 0], rpy: [0, 0, 0]}")
-                .and_then(|node| read_pose(to, node, &format!("the pose of tag {}", id.unwrap_or(0)), units));
+            let pose = fields.require("pose", "{xyz: [0, 0, 0], rpy: [0, 0, 0]}").and_then(|node| match node.text() {
+                Some("unknown") => Some(None),
+                _ => read_pose(to, node, &format!("the pose of tag {}", id.unwrap_or(0)), units).map(Some),
+            });
             fields.finish();
-            Some(TagFace { id: id?, size: size? * units.length, target_from_tag: Some(pose?) })
+            Some(TagFace { id: id?, size: size? * units.length, target_from_tag: pose? })
         })
         .collect();
     faces.into_iter().collect()

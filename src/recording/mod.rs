@@ -142,8 +142,19 @@ impl Recording {
             recording.contacts.extend(read_contacts(&path, layout)?);
             recording.note(path);
         }
-        // Several files of one kind are one recording: their order must not matter either.
-        recording.corners.sort_by(|a, b| a.key().cmp(&b.key()));
+        // Several files of one kind are one recording: their order must not matter, and none may repeat another.
+        let twice = merge(&mut recording.corners, |a, b| a.key().cmp(&b.key()))
+            || merge(&mut recording.poses, |a, b| a.key().cmp(&b.key()))
+            || merge(&mut recording.points, |a, b| a.key().cmp(&b.key()))
+            || merge(&mut recording.contacts, |a, b| a.key().cmp(&b.key()));
+        if twice {
+            return Err(Complaint::of(
+                &layout.file,
+                "two files of `observations` hold the same measurement",
+                "name every file once, and give repeated measurements different shots",
+            )
+            .into());
+        }
         if recording.corners.is_empty()
             && recording.poses.is_empty()
             && recording.points.is_empty()
@@ -159,8 +170,8 @@ impl Recording {
         Ok(recording)
     }
 
-    /// What lies between two places of a robot's chain at a configuration (`from < to`, see [`crate::robot::Chain::flange_place`]), with nominal
-    /// links; `None` where the robot was not recorded. A robot known by flange poses has the places 0 and 1 only.
+    /// What lies between two places of a robot's chain at a configuration (`from < to`, see [`crate::robot::Chain::flange_place`]), with the links
+    /// as the layout has them; `None` where the robot was not recorded. A robot known by flange poses has the places 0 and 1 only.
     #[must_use]
     pub fn robot_segment(
         &self,
@@ -171,15 +182,15 @@ impl Recording {
         to: usize,
     ) -> Option<Pose> {
         match (self.motions.get(robot)?, &layout.robots[robot].motion) {
-            (RobotMotion::Joints(values), Motion::Joints { chain, .. }) => {
-                values.get(&configuration).map(|joints| chain.segment(joints, &[], from, to))
-            }
+            (RobotMotion::Joints(values), Motion::Joints { chain, .. }) => values
+                .get(&configuration)
+                .map(|joints| chain.segment(joints, &layout.robots[robot].corrections, from, to)),
             (RobotMotion::Flange(poses), _) => poses.get(&configuration).copied(),
             (RobotMotion::Joints(_), Motion::FlangePoses { .. }) => None,
         }
     }
 
-    /// `base_from_flange` of a robot at a configuration, with nominal links.
+    /// `base_from_flange` of a robot at a configuration, with the links as the layout has them.
     #[must_use]
     pub fn base_from_flange(&self, layout: &Layout, robot: usize, configuration: u64) -> Option<Pose> {
         let places = layout.robots[robot].frames().len() - 1;
@@ -191,4 +202,10 @@ impl Recording {
             self.files.push(path);
         }
     }
+}
+
+/// Sorts rows that came from several files; says whether two are of the same thing.
+fn merge<T>(rows: &mut [T], order: impl Fn(&T, &T) -> std::cmp::Ordering) -> bool {
+    rows.sort_by(&order);
+    rows.windows(2).any(|pair| order(&pair[0], &pair[1]).is_eq())
 }

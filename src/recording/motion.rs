@@ -19,7 +19,7 @@ pub type FlangePoses = BTreeMap<u64, Pose>;
 /// Reads the joint values of robot `index` of the layout. Rows of other robots of the layout are passed over.
 ///
 /// # Errors
-/// Faults of the file, a robot that the layout does not have, the wrong number of joints, a configuration given twice.
+/// Faults of the file, no row of the robot, the wrong number of joints, a configuration given twice.
 pub fn read_joints(path: &Path, layout: &Layout, index: usize) -> Result<JointValues, InputError> {
     let robot = &layout.robots[index];
     let Motion::Joints { chain, .. } = &robot.motion else { return Ok(JointValues::new()) };
@@ -29,14 +29,9 @@ pub fn read_joints(path: &Path, layout: &Layout, index: usize) -> Result<JointVa
     let count = chain.joint_count();
     let mut values = JointValues::new();
     while let Some(row) = table.next_row()? {
-        // joints.csv of a real cell also lists arms that this layout leaves out; only a name near one of ours is a mistake.
-        let text = row.text(name)?;
-        if text != robot.name {
-            let ours: Vec<&str> = layout.robots.iter().map(|robot| robot.name.as_str()).collect();
-            if ours.contains(&text) || crate::complaint::nearest(text, ours.iter().copied()).is_none() {
-                continue;
-            }
-            row.one_of(name, "robot", &ours)?;
+        // The file of a real cell also lists arms that this layout leaves out.
+        if row.text(name)? != robot.name {
+            continue;
         }
         let id = row.whole(configuration)?;
         let mut filled = 0;
@@ -79,8 +74,7 @@ pub fn read_flange_poses(path: &Path, layout: &Layout, index: usize) -> Result<F
     let columns = table.columns(["x", "y", "z", "qx", "qy", "qz", "qw"]);
     let mut poses = FlangePoses::new();
     while let Some(row) = table.next_row()? {
-        let ours: Vec<&str> = layout.robots.iter().map(|robot| robot.name.as_str()).collect();
-        if ours[row.one_of(name, "robot", &ours)?] != robot {
+        if row.text(name)? != robot {
             continue;
         }
         let id = row.whole(configuration)?;

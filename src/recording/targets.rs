@@ -24,6 +24,14 @@ pub struct PoseRow {
     pub pose: Pose,
 }
 
+impl PoseRow {
+    /// The order of rows that everything downstream relies on; no two rows share it.
+    #[must_use]
+    pub fn key(&self) -> (usize, usize, u64, u64) {
+        (self.camera, self.target, self.configuration, self.shot)
+    }
+}
+
 /// A point in a sensor's frame, measured.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PointRow {
@@ -41,6 +49,14 @@ pub struct PointRow {
     pub position: Vector3<f64>,
 }
 
+impl PointRow {
+    /// The order of rows that everything downstream relies on; no two rows share it.
+    #[must_use]
+    pub fn key(&self) -> (usize, usize, &Feature, u64, u64) {
+        (self.sensor, self.target, &self.feature, self.configuration, self.shot)
+    }
+}
+
 /// Two points at a known distance.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ContactRow {
@@ -52,10 +68,22 @@ pub struct ContactRow {
     pub distance: f64,
 }
 
-/// Rows with the lines they stand on, sorted; two equal keys are a fault.
-fn sorted<T, K: Ord>(path: &Path, mut rows: Vec<(T, usize)>, key: impl Fn(&T) -> K) -> Result<Vec<T>, InputError> {
-    rows.sort_by_key(|(row, _)| key(row));
-    if let Some(pair) = rows.windows(2).find(|pair| key(&pair[0].0) == key(&pair[1].0)) {
+impl ContactRow {
+    /// The order of rows that everything downstream relies on; no two rows share it.
+    #[must_use]
+    pub fn key(&self) -> (u64, &[(usize, Feature); 2]) {
+        (self.configuration, &self.points)
+    }
+}
+
+/// Rows with the lines they stand on, sorted; two of the same thing are a fault.
+fn sorted<T>(
+    path: &Path,
+    mut rows: Vec<(T, usize)>,
+    order: impl Fn(&T, &T) -> std::cmp::Ordering,
+) -> Result<Vec<T>, InputError> {
+    rows.sort_by(|a, b| order(&a.0, &b.0));
+    if let Some(pair) = rows.windows(2).find(|pair| order(&pair[0].0, &pair[1].0).is_eq()) {
         let (first, second) = (pair[0].1.min(pair[1].1), pair[0].1.max(pair[1].1));
         let what = format!("this measurement is given twice, first on line {first}");
         return Err(crate::complaint::Complaint::at(path, second, what, "keep one of the lines").into());
@@ -85,7 +113,7 @@ pub fn read_target_poses(path: &Path, layout: &Layout) -> Result<Vec<PoseRow>, I
         };
         rows.push((found, row.line));
     }
-    sorted(path, rows, |row| (row.camera, row.target, row.configuration, row.shot))
+    sorted(path, rows, |a, b| a.key().cmp(&b.key()))
 }
 
 /// Reads a file of points, sorted by sensor, target, point, configuration and shot.
@@ -111,7 +139,7 @@ pub fn read_points(path: &Path, layout: &Layout) -> Result<Vec<PointRow>, InputE
         };
         rows.push((found, row.line));
     }
-    sorted(path, rows, |row| (row.sensor, row.target, row.feature.clone(), row.configuration, row.shot))
+    sorted(path, rows, |a, b| a.key().cmp(&b.key()))
 }
 
 /// Reads a file of contacts, sorted.
@@ -144,7 +172,7 @@ pub fn read_contacts(path: &Path, layout: &Layout) -> Result<Vec<ContactRow>, In
         let Ok(points) = <[_; 2]>::try_from(ends) else { continue };
         rows.push((ContactRow { configuration: row.whole(configuration)?, points, distance: value }, row.line));
     }
-    sorted(path, rows, |row| (row.configuration, row.points.clone()))
+    sorted(path, rows, |a, b| a.key().cmp(&b.key()))
 }
 
 /// `point`, or `target.point` where several targets have a point of that name.

@@ -243,34 +243,6 @@ impl Chain {
         self.segment_with_parameters(joints, &[], 0, self.flange_place(), &wanted).1
     }
 
-    /// The chain with link corrections ([`PARAMETERS_PER_LINK`] a link) made part of its nominal shape.
-    #[must_use]
-    pub fn with_corrections(&self, corrections: &[f64]) -> Self {
-        let mut chain = self.clone();
-        for (link, own) in chain.links.iter_mut().zip(corrections.chunks_exact(PARAMETERS_PER_LINK)) {
-            let (turn, slide) = match link.joint {
-                JointKind::Revolute => (own[0], 0.0),
-                JointKind::Prismatic => (0.0, own[0]),
-            };
-            match &mut link.shape {
-                LinkShape::Mdh([alpha, a, theta, d]) | LinkShape::Dh([alpha, a, theta, d]) => {
-                    *alpha += own[3];
-                    *a += own[2];
-                    *theta += turn;
-                    *d += own[1] + slide;
-                }
-                LinkShape::Urdf { origin, axis } => {
-                    *origin = *origin * Pose::from_translation(0.0, 0.0, own[1]) * rot_x(own[3]);
-                    *origin = *origin * Pose::from_translation(own[2], 0.0, 0.0);
-                    *origin = *origin
-                        * Pose::from_rotation_vector(&(*axis * turn))
-                        * Pose::new(Default::default(), *axis * slide);
-                }
-            }
-        }
-        chain
-    }
-
     /// The longest distance (m) that the chain can bridge if fully stretched: a bound for plausibility checks.
     #[must_use]
     pub fn reach(&self) -> f64 {

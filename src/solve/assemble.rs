@@ -184,23 +184,20 @@ impl<'a> Assembler<'a> {
         normal.cost
     }
 
-    /// The information matrix of the shared unknowns at the last linearisation with local ones marginalised, row-major; `None` if a moving
-    /// target is not determined at some configuration.
-    pub fn information(&mut self, normal: &Normal) -> Option<Vec<f64>> {
+    /// The information matrix of the shared unknowns at the last linearisation with local ones marginalised, row-major.
+    #[must_use]
+    pub fn information(&self, normal: &Normal) -> Vec<f64> {
         let n = normal.gradient.len();
         let mut matrix = normal.hessian.clone();
-        for unit in &mut self.local {
-            if !unit.factorise(0.0) {
-                return None;
-            }
-            let (block, _) = unit.reduction()?;
+        for unit in &self.local {
+            let block = unit.marginal();
             for (i, &a) in unit.shared().iter().enumerate() {
                 for (j, &b) in unit.shared().iter().enumerate() {
                     matrix[a * n + b] -= block[(i, j)];
                 }
             }
         }
-        Some(matrix)
+        matrix
     }
 
     /// For each moving edge, the configurations (of the plan) at which something sees it.

@@ -7,6 +7,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::loss::Loss;
+use super::plan::Contact;
 use crate::geometry::lens::{Lens, MAX_PARAMETERS};
 use crate::geometry::{Pose, rotation};
 
@@ -248,16 +249,10 @@ pub fn point_cost(points: &[Option<(Vector3<f64>, Vector3<f64>)>], pose: &Pose, 
 }
 
 /// Adds contacts: two points at a distance. At distance zero all three coordinates agree; else only the length is known.
-pub fn condense_contacts(
-    contacts: &[(Vector3<f64>, Vector3<f64>, f64)],
-    a_from_b: &Pose,
-    sigma: f64,
-    loss: Loss,
-    out: &mut Condensed,
-) {
+pub fn condense_contacts(contacts: &[Option<Contact>], a_from_b: &Pose, sigma: f64, loss: Loss, out: &mut Condensed) {
     reset(out);
     let r = a_from_b.rotation_matrix();
-    for (point_a, point_b, distance) in contacts {
+    for Contact { a: point_a, b: point_b, distance } in contacts.iter().flatten() {
         let apart = *a_from_b * *point_b - point_a;
         let rows = point_rows(&r, point_b, sigma);
         if *distance == 0.0 {
@@ -274,12 +269,12 @@ pub fn condense_contacts(
 
 /// The cost of contacts alone.
 #[must_use]
-pub fn contact_cost(contacts: &[(Vector3<f64>, Vector3<f64>, f64)], a_from_b: &Pose, sigma: f64, loss: Loss) -> f64 {
-    let one = |(point_a, point_b, distance): &(Vector3<f64>, Vector3<f64>, f64)| {
+pub fn contact_cost(contacts: &[Option<Contact>], a_from_b: &Pose, sigma: f64, loss: Loss) -> f64 {
+    let one = |Contact { a: point_a, b: point_b, distance }: &Contact| {
         let apart = (*a_from_b * *point_b - point_a).norm();
         0.5 * loss.evaluate(((apart - distance) / sigma).powi(2)).0
     };
-    contacts.iter().map(one).sum()
+    contacts.iter().flatten().map(one).sum()
 }
 
 fn reset(out: &mut Condensed) {

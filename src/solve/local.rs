@@ -163,6 +163,23 @@ impl LocalUnit {
         Some((product.columns(0, shared).into_owned(), product.column(shared).into_owned()))
     }
 
+    /// `H_sl H_ll^+ H_ls` without damping. The pseudo-inverse takes nothing away for a direction of a moving target that was not seen.
+    pub(super) fn marginal(&self) -> DMatrix<f64> {
+        let (local, shared) = (self.local_count(), self.shared.len());
+        let across = self.matrix.view((0, local), (local, shared)).into_owned();
+        // Millimetres and milliradians are of like size, so that one tolerance fits both.
+        let eigen = self.matrix.view((0, 0), (local, local)).into_owned().symmetric_eigen();
+        let floor = eigen.eigenvalues.max() * 1e-12;
+        let mut block = DMatrix::zeros(shared, shared);
+        for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
+            if *value > floor {
+                let along = across.transpose() * vector;
+                block += &along * along.transpose() / *value;
+            }
+        }
+        block
+    }
+
     /// The shared columns that the unit touches.
     pub(super) fn shared(&self) -> &[usize] {
         &self.shared

@@ -105,6 +105,11 @@ pub struct Report {
 /// The largest damping; a step damped more than this is zero in every digit.
 const MOST_DAMPING: f64 = 1e14;
 
+/// Damping beyond which a small step is no sign of a minimum.
+const HEAVY: f64 = 1e-2;
+/// An undamped step this small (units) is rounding.
+const ROUNDING: f64 = 1e-4;
+
 /// Minimises the robust cost from `state`, in place.
 pub fn minimise(assembler: &mut Assembler<'_>, tree: &FrameTree, state: &mut State, options: &Options) -> Report {
     let n = assembler.plan.unknowns.count;
@@ -158,7 +163,16 @@ pub fn minimise(assembler: &mut Assembler<'_>, tree: &FrameTree, state: &mut Sta
                 (*state, cost) = (trial, trial_cost);
                 report.costs.push(cost);
             }
-            break if small { Termination::SmallStep } else { Termination::CostUnchanged };
+            // A step that only damping made small proves nothing: ask what an undamped one would do.
+            let honest = lambda <= HEAVY || {
+                solve_step(assembler, &normal, &scaling, options.damping)
+                    .is_some_and(|full| full.largest(&units) < ROUNDING || full.predicted <= 1e-9 * cost)
+            };
+            break match (honest, small) {
+                (false, _) => Termination::Stuck,
+                (true, true) => Termination::SmallStep,
+                (true, false) => Termination::CostUnchanged,
+            };
         }
         let start = Instant::now();
         let trial = apply(assembler, tree, state, &step);

@@ -22,7 +22,7 @@ mod unknowns;
 pub use assemble::{Assembler, Normal};
 pub use loss::Loss;
 pub use minimise::{Options, Report, Seconds, Termination, minimise};
-pub use plan::{Block, Group, GroupKind, Measurements, Plan, PlanError};
+pub use plan::{Block, Contact, Group, GroupKind, Measurements, Plan, PlanError};
 pub use prior::Priors;
 pub use state::State;
 pub use unknowns::{Unknown, UnknownKind, Unknowns};

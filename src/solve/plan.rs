@@ -69,6 +69,17 @@ pub struct Segment {
     pub to: usize,
 }
 
+/// Two points at a known distance.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Contact {
+    /// The first, in the frame the path starts in, m.
+    pub a: Vector3<f64>,
+    /// The second, in the frame at the path's end, m.
+    pub b: Vector3<f64>,
+    /// m.
+    pub distance: f64,
+}
+
 /// All measurements, flat.
 #[derive(Clone, Debug, Default)]
 pub struct Measurements {
@@ -84,8 +95,8 @@ pub struct Measurements {
     pub poses: Vec<Option<Pose>>,
     /// Points: place in the frame at the path's end, and measured position in the sensor's frame (m); none where rejected.
     pub points: Vec<Option<(Vector3<f64>, Vector3<f64>)>>,
-    /// Contacts: the two places in their frames and the distance (m).
-    pub contacts: Vec<(Vector3<f64>, Vector3<f64>, f64)>,
+    /// Contacts; none where rejected.
+    pub contacts: Vec<Option<Contact>>,
 }
 
 /// What kind of measurement a group holds; ranges of its blocks point into the arrays of that kind.
@@ -268,7 +279,7 @@ impl Plan {
             GroupKind::Contacts => {
                 let contact = &recording.contacts[row];
                 let [(ta, fa), (tb, fb)] = &contact.points;
-                m.contacts.push((place(*ta, fa), place(*tb, fb), contact.distance));
+                m.contacts.push(Some(Contact { a: place(*ta, fa), b: place(*tb, fb), distance: contact.distance }));
             }
         }
     }
@@ -320,7 +331,7 @@ impl Plan {
         2 * m.corner_whiteners.iter().filter(|w| w[0] != 0.0).count()
             + 6 * m.poses.iter().flatten().count()
             + 3 * m.points.iter().flatten().count()
-            + m.contacts.iter().map(|contact| if contact.2 == 0.0 { 3 } else { 1 }).sum::<usize>()
+            + m.contacts.iter().flatten().map(|contact| if contact.distance == 0.0 { 3 } else { 1 }).sum::<usize>()
     }
 }
 

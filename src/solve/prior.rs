@@ -49,6 +49,14 @@ impl Priors {
         6 * self.poses.len() + self.links.len()
     }
 
+    /// The information of the beliefs alone, row-major over the shared columns.
+    #[must_use]
+    pub fn information(&self, columns: usize, state: &State) -> Vec<f64> {
+        let mut normal = Normal { hessian: vec![0.0; columns * columns], gradient: vec![0.0; columns], cost: 0.0 };
+        self.add(state, &mut normal);
+        normal.hessian
+    }
+
     /// Adds the beliefs to the equations.
     pub(super) fn add(&self, state: &State, normal: &mut Normal) {
         let n = normal.gradient.len();

@@ -84,8 +84,10 @@ impl Unknowns {
                 for link in 0..chain.joint_count() {
                     for LinkParameters { kind, sigma } in &robot.identify {
                         let offset = ParameterKind::ALL.iter().position(|known| known == kind).unwrap_or(0);
+                        let angle = kind.is_angle(chain.links[link].joint);
+                        let scale = if angle { layout.units.angle } else { layout.units.length };
                         places.push(link * PARAMETERS_PER_LINK + offset);
-                        sigmas.push(*sigma);
+                        sigmas.push(sigma.map(|sigma| sigma * scale));
                     }
                 }
                 let units = vec![1e-3; places.len()];

@@ -27,34 +27,53 @@ pub struct Covariance {
     units: Vec<f64>,
 }
 
-/// The covariance from the reduced information matrix (row-major, natural units), scaled by the fitted `noise`. Directions are judged by the fitted noise
-/// or the layout's own, whichever is larger, so that perfect data does not hide an open one.
+/// The covariance from the reduced information of the measurements and that of the priors (row-major, natural units). The measurements' is scaled
+/// by the fitted `noise`, the priors' is not. Directions are judged by the fitted noise or the layout's own, whichever is larger, so
+/// that perfect data does not hide an open one.
 #[must_use]
-pub fn covariance(plan: &Plan, information: &[f64], noise: f64) -> Covariance {
+pub fn covariance(plan: &Plan, measured: &[f64], believed: &[f64], noise: f64) -> Covariance {
     let n = plan.unknowns.count;
     let units = plan.unknowns.units();
-    let scaled =
-        DMatrix::from_fn(n, n, |i, j| 0.5 * (information[i * n + j] + information[j * n + i]) * units[i] * units[j]);
-    let mut result = Covariance { matrix: DMatrix::zeros(n, n), noise, units, ..Covariance::default() };
-    if n == 0 || scaled.iter().any(|x| !x.is_finite()) {
+    let scaled = |noise: f64| {
+        DMatrix::from_fn(n, n, |i, j| {
+            let entry = |m: &[f64]| 0.5 * (m[i * n + j] + m[j * n + i]);
+            (entry(measured) / (noise * noise) + entry(believed)) * units[i] * units[j]
+        })
+    };
+    let judged = scaled(noise.max(1.0));
+    let fitted = scaled(noise.max(1e-9));
+    let mut result = Covariance { matrix: DMatrix::zeros(n, n), noise, units: units.clone(), ..Covariance::default() };
+    if n == 0 {
         return result;
     }
-    let eigen = scaled.symmetric_eigen();
+    if fitted.iter().chain(judged.iter()).any(|x| !x.is_finite()) {
+        result.open = (0..n).map(|i| (0..n).map(|j| f64::from(u8::from(i == j))).collect()).collect();
+        result.open_sigma = vec![f64::INFINITY; n];
+        return result;
+    }
+    let eigen = judged.symmetric_eigen();
     let largest = eigen.eigenvalues.max().max(f64::MIN_POSITIVE);
     let mut order: Vec<usize> = (0..n).collect();
     order.sort_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]));
+    let mut determined = Vec::new();
     for index in order {
         let value = eigen.eigenvalues[index];
-        let vector = eigen.eigenvectors.column(index);
         // Below this, rounding alone could have made the eigenvalue.
-        let nothing = value <= 1e-14 * largest;
-        let sigma = if nothing { f64::INFINITY } else { noise.max(1.0) / value.sqrt() };
+        let sigma = if value <= 1e-14 * largest { f64::INFINITY } else { 1.0 / value.sqrt() };
         if sigma > UNDETERMINED {
-            result.open.push(vector.iter().copied().collect());
+            result.open.push(eigen.eigenvectors.column(index).iter().copied().collect());
             result.open_sigma.push(sigma);
         } else {
-            result.matrix += vector * vector.transpose() * (noise * noise / value);
+            // Scaled by its own sigma, so that what is left to invert is near the identity.
+            determined.push(eigen.eigenvectors.column(index) * sigma);
         }
+    }
+    if determined.is_empty() {
+        return result;
+    }
+    let basis = DMatrix::from_columns(&determined);
+    if let Some(inverse) = (basis.transpose() * fitted * &basis).cholesky().map(|factor| factor.inverse()) {
+        result.matrix = &basis * inverse * basis.transpose();
     }
     result
 }

@@ -16,6 +16,8 @@ pub struct Rejected {
     pub poses: usize,
     /// Measured points.
     pub points: usize,
+    /// Contacts.
+    pub contacts: usize,
     /// Measurements of moving targets at configurations where too little of them was seen.
     pub unplaced: usize,
 }
@@ -26,56 +28,79 @@ impl Rejected {
         self.corners += more.corners;
         self.poses += more.poses;
         self.points += more.points;
+        self.contacts += more.contacts;
         self.unplaced += more.unplaced;
     }
 
     /// All kinds together.
     #[must_use]
     pub fn total(&self) -> usize {
-        self.corners + self.poses + self.points + self.unplaced
+        self.corners + self.poses + self.points + self.contacts + self.unplaced
     }
 }
 
 /// Sets aside in the plan what lies far outside, and says how many more there are than before.
 pub fn reject(plan: &mut Plan, residuals: &Residuals) -> Rejected {
+    let mut found = reject_unseen(plan, residuals);
     let m = &mut plan.measurements;
-    let mut found = Rejected::default();
-    let corners = residuals.corners.iter().zip(&residuals.whitened[0]).filter(|(d, _)| d.is_some()).map(|(_, s)| *s);
-    let limit = limit(corners, 2.0 * std::f64::consts::LN_2);
-    for (whitener, s) in m.corner_whiteners.iter_mut().zip(&residuals.whitened[0]) {
-        if whitener[0] != 0.0 && *s > limit {
+    let [corners, poses, points, contacts] = &residuals.whitened;
+    let kept = |kept: &[bool], squared: &[f64]| -> Vec<f64> {
+        squared.iter().zip(kept).filter(|(_, kept)| **kept).map(|(s, _)| *s).collect()
+    };
+    let seen: Vec<bool> = residuals.corners.iter().map(Option::is_some).collect();
+    let limit_px = limit(kept(&seen, corners), MEDIANS[1]);
+    for (whitener, s) in m.corner_whiteners.iter_mut().zip(corners) {
+        if whitener[0] != 0.0 && *s > limit_px {
             *whitener = [0.0; 3];
             found.corners += 1;
         }
     }
-    // Median of the chi-squared distribution with three degrees of freedom.
-    let poses = |part: usize| {
-        let kept = residuals.poses.iter().enumerate().filter(|(_, e)| e.is_some());
-        kept.map(move |(i, _)| residuals.whitened[1][2 * i + part])
-    };
-    let limits = [self::limit(poses(0), 2.366), self::limit(poses(1), 2.366)];
+    // Translation and rotation are judged apart; a pose that fails one is set aside whole.
+    let present: Vec<bool> = residuals.poses.iter().map(Option::is_some).collect();
+    let half = |part: usize| -> Vec<f64> { poses.iter().skip(part).step_by(2).copied().collect() };
+    let limits = [0, 1].map(|part| limit(kept(&present, &half(part)), MEDIANS[2]));
     for (i, pose) in m.poses.iter_mut().enumerate() {
-        let s = [residuals.whitened[1][2 * i], residuals.whitened[1][2 * i + 1]];
-        if pose.is_some() && (s[0] > limits[0] || s[1] > limits[1]) {
+        if pose.is_some() && (poses[2 * i] > limits[0] || poses[2 * i + 1] > limits[1]) {
             *pose = None;
             found.poses += 1;
         }
     }
-    let points = residuals.points.iter().zip(&residuals.whitened[2]).filter(|(e, _)| e.is_some()).map(|(_, s)| *s);
-    let limit = self::limit(points, 2.366);
-    for (point, s) in m.points.iter_mut().zip(&residuals.whitened[2]) {
-        if point.is_some() && *s > limit {
-            *point = None;
-            found.points += 1;
+    let present: Vec<bool> = residuals.points.iter().map(Option::is_some).collect();
+    found.points += set_aside(&mut m.points, points, limit(kept(&present, points), MEDIANS[2]));
+    let present: Vec<bool> = residuals.contacts.iter().map(Option::is_some).collect();
+    found.contacts += set_aside(&mut m.contacts, contacts, limit(kept(&present, contacts), MEDIANS[0]));
+    found
+}
+
+/// Sets aside corners that the camera could not see from where it was found to be: a misread id, not a measurement.
+pub fn reject_unseen(plan: &mut Plan, residuals: &Residuals) -> Rejected {
+    let mut found = Rejected::default();
+    for (whitener, seen) in plan.measurements.corner_whiteners.iter_mut().zip(&residuals.corners) {
+        if whitener[0] != 0.0 && seen.is_none() {
+            *whitener = [0.0; 3];
+            found.corners += 1;
         }
     }
     found
 }
 
+/// Medians of the chi-squared distribution with one, two and three degrees of freedom.
+const MEDIANS: [f64; 3] = [0.455, 1.386, 2.366];
+
+fn set_aside<T>(all: &mut [Option<T>], squared: &[f64], limit: f64) -> usize {
+    let mut count = 0;
+    for (one, s) in all.iter_mut().zip(squared) {
+        if one.is_some() && *s > limit {
+            *one = None;
+            count += 1;
+        }
+    }
+    count
+}
+
 /// The squared norm beyond which a residual is set aside: the bulk's scale from the median of the squared norms, but never below what
 /// the layout calls one standard deviation, so that perfect data rejects nothing.
-fn limit(squared: impl Iterator<Item = f64>, median_of_unit: f64) -> f64 {
-    let mut all: Vec<f64> = squared.collect();
+fn limit(mut all: Vec<f64>, median_of_unit: f64) -> f64 {
     if all.is_empty() {
         return f64::INFINITY;
     }

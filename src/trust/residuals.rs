@@ -16,9 +16,9 @@ pub struct Residuals {
     /// Error (m) of each measured point.
     pub points: Vec<Option<f64>>,
     /// Error (m) of each contact.
-    pub contacts: Vec<f64>,
-    /// Squared whitened norm of each corner; of each pose's translation and rotation; of each point.
-    pub whitened: [Vec<f64>; 3],
+    pub contacts: Vec<Option<f64>>,
+    /// Squared whitened norm of each corner; of each pose's translation and rotation; of each point; of each contact.
+    pub whitened: [Vec<f64>; 4],
     /// Sum of robust weight times squared whitened residual.
     pub weighted_sum: f64,
 }
@@ -46,7 +46,7 @@ impl Residuals {
     /// Root mean square error (m) of contacts.
     #[must_use]
     pub fn rms_contacts(&self) -> Option<f64> {
-        root_mean_square(self.contacts.iter().map(|e| e * e), 1.0)
+        root_mean_square(self.contacts.iter().flatten().map(|e| e * e), 1.0)
     }
 }
 
@@ -63,8 +63,8 @@ pub fn residuals(layout: &Layout, plan: &Plan, state: &State, poses: &[Vec<Pose>
         corners: vec![None; m.corner_pixels.len()],
         poses: vec![None; m.poses.len()],
         points: vec![None; m.points.len()],
-        contacts: vec![0.0; m.contacts.len()],
-        whitened: [vec![0.0; m.corner_pixels.len()], vec![0.0; 2 * m.poses.len()], vec![0.0; m.points.len()]],
+        contacts: vec![None; m.contacts.len()],
+        whitened: [m.corner_pixels.len(), 2 * m.poses.len(), m.points.len(), m.contacts.len()].map(|n| vec![0.0; n]),
         weighted_sum: 0.0,
     };
     for (group, poses) in plan.groups.iter().zip(poses) {
@@ -106,10 +106,13 @@ pub fn residuals(layout: &Layout, plan: &Plan, state: &State, poses: &[Vec<Pose>
                         }
                     }
                     GroupKind::Contacts => {
-                        let (a, b, distance) = &m.contacts[i];
-                        let error = (*pose * *b - a).norm() - distance;
-                        all.contacts[i] = error;
-                        all.weighted_sum += weighted((error / plan.settings.contact_sigma).powi(2), loss);
+                        if let Some(contact) = &m.contacts[i] {
+                            let error = (*pose * contact.b - contact.a).norm() - contact.distance;
+                            let s = (error / plan.settings.contact_sigma).powi(2);
+                            all.contacts[i] = Some(error);
+                            all.whitened[3][i] = s;
+                            all.weighted_sum += weighted(s, loss);
+                        }
                     }
                 }
             }

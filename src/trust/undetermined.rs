@@ -42,14 +42,18 @@ pub fn explain(
 ) -> Vec<Undetermined> {
     let mut all: Vec<Undetermined> = unseen
         .iter()
-        .filter_map(|&frame| match tree.frames[frame].edge {
-            Edge::Static(edge) => Some(Undetermined {
-                blocks: vec![tree.static_edges[edge].key.clone()],
+        .filter_map(|&frame| {
+            let key = match tree.frames[frame].edge {
+                Edge::Static(edge) => &tree.static_edges[edge].key,
+                Edge::Moving(edge) => &tree.moving_edges[edge].key,
+                Edge::Root | Edge::Link { .. } => return None,
+            };
+            Some(Undetermined {
+                blocks: vec![key.clone()],
                 sigma: None,
                 reason: format!("no measurement sees `{}` or anything mounted on it", tree.frames[frame].name),
                 remedy: "show it to a camera, or give its pose".to_owned(),
-            }),
-            _ => None,
+            })
         })
         .collect();
     for (direction, sigma) in covariance.open.iter().zip(&covariance.open_sigma) {

@@ -161,7 +161,10 @@ fn check_measurements(layout: &Layout, tree: &FrameTree, checked: &mut Checked) 
     }
     checked.facts.push(format!("measurements: {}", parts.join(", ")));
     let Ok(plan) = Plan::new(layout, tree, &recording) else { return Ok(()) };
-    let found = pieces(tree, plan.groups.iter().map(|group| &group.path));
+    let found = pieces(
+        tree,
+        plan.groups.iter().map(|group| (&group.path, group.blocks.iter().map(|block| block.configuration).collect())),
+    );
     let name = |frame: &FrameId| tree.frames[*frame].name.clone();
     for frame in &found.unseen {
         checked.unreached.push(name(frame));

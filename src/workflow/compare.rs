@@ -53,11 +53,9 @@ impl<'a> Known<'a> {
     }
 
     fn frame(&self, name: &str) -> Option<usize> {
-        self.tree
-            .frames
-            .iter()
-            .position(|frame| frame.name == name)
-            .or_else(|| (name == self.layout.world).then_some(0))
+        // The root goes by the layout's own word for it.
+        let found = self.tree.frames.iter().skip(1).position(|frame| frame.name == name).map(|place| place + 1);
+        found.or_else(|| (name == self.layout.world).then_some(0))
     }
 
     /// `a_from_b` where everything between is given and stands still.

@@ -11,7 +11,7 @@ use crate::initialise::{Start, initialise};
 use crate::layout::{Layout, LossSetting, Motion, read_layout};
 use crate::recording::Recording;
 use crate::solve::{Assembler, Loss, Normal, Options, Plan, PlanError, Priors, Report, State, minimise};
-use crate::trust::outliers::{Rejected, reject};
+use crate::trust::outliers::{Rejected, reject, reject_unseen};
 use crate::trust::{Covariance, Residuals, Undetermined, covariance, explain, residuals};
 
 /// Passes of rejecting and solving again at most.
@@ -117,10 +117,10 @@ pub fn solve(layout: Layout, request: &SolveRequest) -> Result<Solved, InputErro
     let began = Instant::now();
     let recording = Recording::read(&layout, request.detections.as_deref())?;
     let start = match &request.start {
-        Some(file) => start_poses(file)?,
+        Some(file) => start_poses(file, &layout.world)?,
         None => Vec::new(),
     };
-    let inputs = hashes(&layout, &recording)?;
+    let inputs = hashes(&layout, &recording, request.start.as_ref())?;
     solve_recording(layout, &recording, &start, inputs, began)
 }
 
@@ -137,7 +137,10 @@ pub fn solve_recording(
 ) -> Result<Solved, InputError> {
     let tree = FrameTree::new(&layout);
     let mut plan = Plan::new(&layout, &tree, recording).map_err(|error| no_motion(&layout, &error))?;
-    let Pieces { floating, unseen } = pieces(&tree, plan.groups.iter().map(|group| &group.path));
+    let Pieces { floating, unseen } = pieces(
+        &tree,
+        plan.groups.iter().map(|group| (&group.path, group.blocks.iter().map(|block| block.configuration).collect())),
+    );
     if !floating.is_empty() {
         return Err(in_pieces(&layout, &tree, &floating).into());
     }
@@ -169,24 +172,37 @@ pub fn solve_recording(
     if robust {
         robust_search(&layout, &tree, recording, &mut plan, &priors, &mut state, &mut rejected, &mut run);
     }
-    let mut assembler = Assembler::new(&layout, recording, &plan, priors.clone());
-    assembler.set_loss(Loss::Squared);
-    let mut report = run(&mut assembler, &mut state, &Options::default());
-    report.initial_cost = assembler.cost(&beginning);
+    let (mut report, residuals) = loop {
+        let mut assembler = Assembler::new(&layout, recording, &plan, priors.clone());
+        assembler.set_loss(Loss::Squared);
+        let mut report = run(&mut assembler, &mut state, &Options::default());
+        report.initial_cost = assembler.cost(&beginning);
+        let poses = assembler.block_poses(&state);
+        drop(assembler);
+        let rest = residuals(&layout, &plan, &state, &poses, Loss::Squared);
+        let unseen = reject_unseen(&mut plan, &rest);
+        if unseen.total() == 0 {
+            break (report, rest);
+        }
+        rejected.add(unseen);
+    };
     report.iterations = iterations;
-    let poses = assembler.block_poses(&state);
-    let residuals = residuals(&layout, &plan, &state, &poses, Loss::Squared);
     let clock = Instant::now();
+    // Linearised without the priors, whose weight is no matter of how noisy the measurements are.
+    let mut measuring = Assembler::new(&layout, recording, &plan, Priors::default());
+    measuring.set_loss(Loss::Squared);
     let mut normal = Normal::default();
-    assembler.linearise(&state, &mut normal);
-    let moved = assembler.moved();
+    measuring.linearise(&state, &mut normal);
+    let measured = measuring.information(&normal);
+    let moved = measuring.moved();
+    drop(measuring);
     let unknowns = plan.unknowns.count + 6 * moved.iter().map(Vec::len).sum::<usize>();
-    let observations = plan.scalar_count() + prior_count;
-    let freedom = observations.saturating_sub(unknowns);
+    let scalars = plan.scalar_count();
+    let observations = scalars + prior_count;
+    let freedom = scalars.saturating_sub(unknowns.saturating_sub(prior_count));
     let noise = if freedom == 0 { 1.0 } else { (residuals.weighted_sum / freedom as f64).sqrt() };
-    let information = assembler.information(&normal).unwrap_or_else(|| vec![0.0; plan.unknowns.count.pow(2)]);
-    drop(assembler);
-    let covariance = covariance(&plan, &information, noise);
+    let believed = priors.information(plan.unknowns.count, &state);
+    let covariance = covariance(&plan, &measured, &believed, noise);
     let undetermined = explain(&layout, &tree, recording, &plan, &covariance, &unseen);
     seconds.covariance = clock.elapsed().as_secs_f64();
     seconds.total = began.elapsed().as_secs_f64();
@@ -249,8 +265,15 @@ fn robust_search(
 }
 
 /// The poses of another layout, by key.
-fn start_poses(file: &Path) -> Result<Vec<(String, Pose)>, InputError> {
+///
+/// # Errors
+/// Faults of the file; a layout with another world, whose poses would mean something else.
+fn start_poses(file: &Path, world: &str) -> Result<Vec<(String, Pose)>, InputError> {
     let layout = read_layout(file, None)?;
+    if layout.world != world {
+        let what = format!("its world is `{}`, but that of the layout to solve is `{world}`", layout.world);
+        return Err(Complaint::of(file, what, "start from a solution with the same world").into());
+    }
     let tree = FrameTree::new(&layout);
     Ok(tree.static_edges.iter().filter_map(|edge| Some((edge.key.clone(), edge.spec.pose()?))).collect())
 }
@@ -294,10 +317,14 @@ fn in_pieces(layout: &Layout, tree: &FrameTree, floating: &[(FrameId, Vec<FrameI
     Complaint::of(&layout.file, format!("the cell is in {count} pieces: {}", words.join("; ")), remedies.join("; "))
 }
 
-/// SHA-256 of the layout and of every file of the recording.
-fn hashes(layout: &Layout, recording: &Recording) -> Result<Vec<(String, String)>, InputError> {
+/// SHA-256 of the layout, of every file that it names and was read, and of the start.
+fn hashes(
+    layout: &Layout,
+    recording: &Recording,
+    start: Option<&PathBuf>,
+) -> Result<Vec<(String, String)>, InputError> {
     let mut all = Vec::new();
-    for path in std::iter::once(&layout.file).chain(&recording.files) {
+    for path in std::iter::once(&layout.file).chain(&layout.files).chain(&recording.files).chain(start) {
         let bytes = std::fs::read(path).map_err(|e| {
             Complaint::of(path, format!("the file cannot be read: {}", crate::layout::plain(&e)), "check the path")
         })?;
