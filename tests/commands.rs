@@ -40,6 +40,13 @@ fn the_demo_from_end_to_end() {
     assert_eq!(failed.len(), 2, "{failed:?}");
     assert!(failed[0].contains("left/01.png") && failed[1].contains("left/03.png"), "{failed:?}");
 
+    // A dictionary that is not on the targets finds nothing, and says so.
+    let text = std::fs::read_to_string(demo.join("layout.yaml")).unwrap();
+    std::fs::write(demo.join("strange.yaml"), text.replace("6x6_250", "4x4_50")).unwrap();
+    let nothing = run(&demo, &["detect", "strange.yaml", "--out", "nothing.csv"]);
+    assert_eq!(nothing.status.code(), Some(1));
+    assert!(stderr(&nothing).contains("nothing was found: check the targets' dictionary"), "{}", stderr(&nothing));
+
     // The solution is a layout: it can be checked, compared, and started from.
     let solved = json(&run(&demo, &["solve", "layout.yaml", "--json"]));
     for field in [
@@ -163,6 +170,20 @@ fn comparison_follows_frames_not_mounts() {
     let lamp = found["poses"]["table_from_lamp"]["translation_mm"].as_f64().unwrap();
     assert!((lamp - 1.0).abs() < 1e-9, "{found}");
     assert_eq!(found["poses"]["world_from_table"]["rotation_deg"], 0.0);
+}
+
+#[test]
+fn check_warns_of_a_camera_without_pictures() {
+    let layout = "cellmap: 1\nunits: {length: m, angle: rad}\nworld: tag\ncameras:\n  eye:\n    images: p/{configuration}.png\n    \
+        intrinsics: {model: pinhole, size: [9, 9], focal: [9, 9], centre: [4, 4]}\ntargets:\n  tag: {tags: {dictionary: 4x4_50, size: 1, ids: [1]}}\n";
+    let dir = folder(&[("layout.yaml", layout)]);
+    let output = run(dir.path(), &["check", "layout.yaml"]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(
+        stdout(&output).contains("warning: camera `eye` has no pictures: nothing matches `p/{configuration}.png`"),
+        "{}",
+        stdout(&output)
+    );
 }
 
 #[test]

@@ -329,7 +329,7 @@ fn a_prior_is_not_weighed_by_the_noise_of_the_measurements() {
     let solved = solve(layout(&text), &recording);
     assert!(solved.covariance.noise < 0.3, "{}", solved.covariance.noise);
     let (_, probe) =
-        cellmap::export::solution::poses(&solved).into_iter().find(|(key, _)| key.ends_with("unseen_probe")).unwrap();
+        cellmap::export::findings::poses(&solved).into_iter().find(|(key, _)| key.ends_with("unseen_probe")).unwrap();
     let cellmap::export::Document::Map(entries) = probe else { panic!("a pose is a map") };
     let sigma = &entries.iter().find(|(key, _)| key == "sigma_xyz_mm").unwrap().1;
     assert_eq!(*sigma, cellmap::export::Document::numbers(&[2.0, 2.0, 2.0]));
@@ -436,4 +436,20 @@ targets:
 
 fn solution_corrections(solved: &cellmap::workflow::solve::Solved) -> Vec<f64> {
     solved.layout.robots[0].corrections.clone()
+}
+
+#[test]
+fn a_wrong_tag_size_is_not_called_a_good_answer() {
+    let truth = layout(&two_robot_truth());
+    let recording = record(&truth, two_robot_motion(20), 0.1, 3);
+    let right = solve(layout(&hidden(cells::TWO_ROBOTS)), &recording);
+    assert!(right.doubts().is_empty() && right.trustworthy(), "{:?}", right.doubts());
+    let wrong = hidden(cells::TWO_ROBOTS).replace("size: 90, gap: 20", "size: 80, gap: 20");
+    let solved = solve(layout(&wrong), &recording);
+    assert!(!solved.trustworthy());
+    let doubts = solved.doubts().join("\n");
+    assert!(doubts.contains("measurements do not fit the rest, most of all those of `"), "{doubts}");
+    assert!(doubts.contains("check sizes and geometry of the targets"), "{doubts}");
+    let counted: usize = solved.tallies.iter().map(|t| t.accepted + t.rejected).sum();
+    assert_eq!(counted, recording.corners.len());
 }

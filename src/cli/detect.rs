@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use super::output::{print_json, progress_bar, stop_requested};
-use super::{LayoutArguments, use_threads};
+use super::{LayoutArguments, NOT_TRUSTWORTHY, use_threads};
 use cellmap::complaint::InputError;
 use cellmap::detect::Detector;
 use cellmap::export::Document;
@@ -48,6 +48,10 @@ impl Detect {
             print_json(&as_json(&found))
         } else {
             show(&found, &out)
+        }
+        if found.corners == 0 {
+            eprintln!("warning: nothing was found: check the targets' dictionary and ids against what is printed");
+            return Ok(ExitCode::from(NOT_TRUSTWORTHY));
         }
         Ok(ExitCode::SUCCESS)
     }

@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use super::output::{print_json, print_table};
 use super::{LayoutArguments, NOT_TRUSTWORTHY, use_threads};
 use cellmap::complaint::{Complaint, InputError};
-use cellmap::export::{Document, solution};
+use cellmap::export::{Document, findings, solution};
 use cellmap::workflow::solve::{SolveRequest, Solved, solve};
 
 #[derive(Args, Debug)]
@@ -52,8 +52,8 @@ fn as_json(solved: &Solved) -> Document {
     let s = &solved.seconds;
     let number = Document::Number;
     let mut entries = vec![("iterations".to_owned(), Document::Whole(solved.report.iterations as u64))];
-    entries.extend(solution::fit(solved));
-    entries.push(("undetermined".to_owned(), solution::undetermined(solved)));
+    entries.extend(findings::fit(solved));
+    entries.push(("undetermined".to_owned(), findings::undetermined(solved)));
     entries.push((
         "seconds".to_owned(),
         Document::map([
@@ -66,13 +66,16 @@ fn as_json(solved: &Solved) -> Document {
             ("total", number(s.total)),
         ]),
     ));
-    entries.push(("poses".to_owned(), Document::Map(solution::poses(solved))));
-    let parameters = solution::parameters(solved);
+    entries.push(("poses".to_owned(), Document::Map(findings::poses(solved))));
+    let parameters = findings::parameters(solved);
     if !parameters.is_empty() {
         entries.push(("parameters".to_owned(), Document::Map(parameters)));
     }
     Document::Map(entries)
 }
+
+/// How many undetermined directions are named one by one.
+const NAMED_DIRECTIONS: usize = 6;
 
 /// The numbers of a list, each with `decimals`.
 fn numbers(document: &Document, key: &str, decimals: usize) -> String {
@@ -87,7 +90,7 @@ fn numbers(document: &Document, key: &str, decimals: usize) -> String {
 
 fn show(solved: &Solved) {
     let mut rows = Vec::new();
-    for (key, pose) in solution::poses(solved) {
+    for (key, pose) in findings::poses(solved) {
         let fixed = matches!(&pose, Document::Map(entries) if entries.iter().any(|(k, v)| k == "kind" && *v == Document::text("fixed")));
         if fixed {
             continue;
@@ -101,7 +104,7 @@ fn show(solved: &Solved) {
     }
     print_table(&["pose", "x y z, mm", "rotation vector, deg"], &rows);
     println!();
-    for (name, found) in solution::parameters(solved) {
+    for (name, found) in findings::parameters(solved) {
         let Document::Map(entries) = found else { continue };
         let parts: Vec<String> = entries
             .iter()
@@ -155,8 +158,22 @@ fn show(solved: &Solved) {
         "time: {:.3} s reading, {:.3} initialising, {:.3} linearising, {:.3} factorising,\n      {:.3} evaluating, {:.3} covariance; {:.3} s in all",
         s.read, s.initialise, s.linearise, s.factorise, s.evaluate, s.covariance, s.total
     );
-    for u in &solved.undetermined {
+    for t in solved.tallies.iter().filter(|t| t.rejected > 0) {
+        let of = t.accepted + t.rejected;
+        println!("  of `{}` by `{}`: {} of {of} corners", t.target, t.camera, t.rejected);
+    }
+    for doubt in solved.doubts() {
+        println!("warning: {doubt}");
+    }
+    let mut said = "";
+    for u in solved.undetermined.iter().take(NAMED_DIRECTIONS) {
         println!("not determined: {}", u.reason);
-        println!("  help: {}", u.remedy);
+        if u.remedy != said {
+            println!("  help: {}", u.remedy);
+            said = &u.remedy;
+        }
+    }
+    if solved.undetermined.len() > NAMED_DIRECTIONS {
+        println!("and {} more directions, all in the solution", solved.undetermined.len() - NAMED_DIRECTIONS);
     }
 }

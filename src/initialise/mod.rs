@@ -9,6 +9,7 @@
 mod consensus;
 mod grow;
 mod hand_eye;
+mod moving;
 mod observe;
 mod planar;
 mod pose_from_points;

@@ -10,6 +10,7 @@
 
 pub mod assemble;
 mod chain;
+mod expand;
 pub mod kernels;
 mod local;
 mod loss;

@@ -1,6 +1,10 @@
 //! Measurements that do not belong: found by their residual against the scale that the bulk shows, and set aside.
 
+use std::collections::BTreeMap;
+
 use super::residuals::Residuals;
+use crate::layout::Layout;
+use crate::recording::Recording;
 use crate::solve::Plan;
 
 /// A residual this many times the bulk's scale is set aside. Of a two-dimensional Gaussian four in a million lie beyond; what real cells show there is
@@ -20,6 +24,43 @@ pub struct Rejected {
     pub contacts: usize,
     /// Measurements of moving targets at configurations where too little of them was seen.
     pub unplaced: usize,
+}
+
+/// How the corners of one target in one camera's pictures fared.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Tally {
+    /// The camera's name.
+    pub camera: String,
+    /// The target's name.
+    pub target: String,
+    /// Corners that fit.
+    pub accepted: usize,
+    /// Corners set aside.
+    pub rejected: usize,
+    /// Root mean square residual of those that fit, px a coordinate.
+    pub rms_px: Option<f64>,
+}
+
+/// Counts corners by camera and target, in the order of the layout.
+#[must_use]
+pub fn tally(layout: &Layout, recording: &Recording, plan: &Plan, residuals: &Residuals) -> Vec<Tally> {
+    let mut counts: BTreeMap<(usize, usize), (usize, usize, f64)> = BTreeMap::new();
+    for (row, residual) in plan.measurements.corner_rows.iter().zip(&residuals.corners) {
+        let corner = &recording.corners[*row as usize];
+        let count = counts.entry((corner.camera, corner.target)).or_default();
+        match residual {
+            Some([u, v]) => *count = (count.0 + 1, count.1, count.2 + u * u + v * v),
+            None => count.1 += 1,
+        }
+    }
+    let one = |((camera, target), (accepted, rejected, sum)): ((usize, usize), (usize, usize, f64))| Tally {
+        camera: layout.cameras[camera].name.clone(),
+        target: layout.targets[target].name.clone(),
+        accepted,
+        rejected,
+        rms_px: (accepted > 0).then(|| (sum / (2.0 * accepted as f64)).sqrt()),
+    };
+    counts.into_iter().map(one).collect()
 }
 
 impl Rejected {

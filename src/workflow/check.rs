@@ -72,6 +72,9 @@ pub fn check(layout: &Layout) -> Result<Checked, InputError> {
                 format!("{width} x {height} {}{refined}", intrinsics.model().name())
             }
         };
+        if let (Some(images), true, false) = (&camera.images, found.is_empty(), layout.observations.given) {
+            checked.warnings.push(format!("camera `{}` has no pictures: nothing matches `{images}`", camera.name));
+        }
         let seen = if camera.images.is_some() { counted(found.len(), "picture") } else { "no pictures".to_owned() };
         checked.facts.push(format!("camera `{}`: {lens}, {seen}", camera.name));
     }

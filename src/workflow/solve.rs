@@ -11,11 +11,14 @@ use crate::initialise::{Start, initialise};
 use crate::layout::{Layout, LossSetting, Motion, read_layout};
 use crate::recording::Recording;
 use crate::solve::{Assembler, Loss, Normal, Options, Plan, PlanError, Priors, Report, State, minimise};
-use crate::trust::outliers::{Rejected, reject, reject_unseen};
+use crate::trust::outliers::{Rejected, Tally, reject, reject_unseen, tally};
 use crate::trust::{Covariance, Residuals, Undetermined, covariance, explain, residuals};
 
 /// Passes of rejecting and solving again at most.
 const REJECTION_PASSES: usize = 3;
+
+/// More than this share of measurements set aside means that the description is wrong, not the measurements.
+const MOST_ASIDE: f64 = 0.1;
 
 /// What to solve from, besides the layout.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -66,6 +69,8 @@ pub struct Solved {
     pub undetermined: Vec<Undetermined>,
     /// What was set aside.
     pub rejected: Rejected,
+    /// How the corners fared, by camera and target.
+    pub tallies: Vec<Tally>,
     /// Frames with something to find that no measurement mentions.
     pub unseen: Vec<FrameId>,
     /// For each moving edge, the configurations at which it was found.
@@ -81,10 +86,31 @@ pub struct Solved {
 }
 
 impl Solved {
-    /// Whether the answer can be used without a second look: converged, and every direction determined.
+    /// Whether the answer can be used without a second look: converged, every direction determined, and nearly all measurements in agreement.
     #[must_use]
     pub fn trustworthy(&self) -> bool {
-        self.report.termination.converged() && self.undetermined.is_empty()
+        self.report.termination.converged() && self.undetermined.is_empty() && self.doubts().is_empty()
+    }
+
+    /// What speaks against the answer although it converged: too many measurements that do not fit it.
+    #[must_use]
+    pub fn doubts(&self) -> Vec<String> {
+        let m = &self.plan.measurements;
+        let all = m.corner_rows.len() + m.poses.len() + m.points.len() + m.contacts.len();
+        let aside = self.rejected.total() - self.rejected.unplaced;
+        if aside as f64 <= MOST_ASIDE * all as f64 {
+            return Vec::new();
+        }
+        let share = |t: &Tally| t.rejected as f64 / (t.accepted + t.rejected) as f64;
+        let worst = self.tallies.iter().max_by(|a, b| share(a).total_cmp(&share(b)));
+        let whose = worst.map_or(String::new(), |t| {
+            let of = t.accepted + t.rejected;
+            format!(", most of all those of `{}` by `{}` ({} of {of})", t.target, t.camera, t.rejected)
+        });
+        vec![format!(
+            "{aside} of {all} measurements do not fit the rest{whose}: check sizes and geometry of the targets, the robot's model, \
+             the units of its joints, lenses and mounts"
+        )]
     }
 
     /// `world_from_frame` for a frame that stands still.
@@ -204,6 +230,7 @@ pub fn solve_recording(
     let believed = priors.information(plan.unknowns.count, &state);
     let covariance = covariance(&plan, &measured, &believed, noise);
     let undetermined = explain(&layout, &tree, recording, &plan, &covariance, &unseen);
+    let tallies = tally(&layout, recording, &plan, &residuals);
     seconds.covariance = clock.elapsed().as_secs_f64();
     seconds.total = began.elapsed().as_secs_f64();
     Ok(Solved {
@@ -216,6 +243,7 @@ pub fn solve_recording(
         covariance,
         undetermined,
         rejected,
+        tallies,
         unseen,
         moved,
         observations,
