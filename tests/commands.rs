@@ -187,6 +187,24 @@ fn check_warns_of_a_camera_without_pictures() {
 }
 
 #[test]
+fn a_reader_that_goes_away_is_no_panic() {
+    use std::process::{Command, Stdio};
+    let layout = "cellmap: 1\nunits: {length: m, angle: rad}\nworld: tag\ntargets: {tag: {tags: {dictionary: 4x4_50, size: 1, ids: [1]}}}\n";
+    let dir = folder(&[("layout.yaml", layout)]);
+    let mut child = Command::new(env!("CARGO_BIN_EXE_cellmap"))
+        .current_dir(dir.path())
+        .args(["check", "layout.yaml"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    assert!(!stderr(&output).contains("panicked"), "{}", stderr(&output));
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+}
+
+#[test]
 fn help_fits_a_terminal() {
     for arguments in [&["--help"][..], &["solve", "--help"], &["detect", "--help"], &["identify", "--help"]] {
         let output = run(std::path::Path::new("."), arguments);

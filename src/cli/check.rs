@@ -3,7 +3,7 @@
 use clap::Args;
 use std::process::ExitCode;
 
-use super::output::print_json;
+use super::output::{print_json, say};
 use super::{LayoutArguments, NOT_TRUSTWORTHY};
 use cellmap::complaint::InputError;
 use cellmap::export::Document;
@@ -33,18 +33,18 @@ impl Check {
             ]));
         } else {
             for line in &checked.tree {
-                println!("{line}");
+                say!("{line}");
             }
-            println!();
+            say!("");
             for fact in &checked.facts {
-                println!("{fact}");
+                say!("{fact}");
             }
-            println!("poses: {} known, {} to be found", checked.known, checked.unknown);
+            say!("poses: {} known, {} to be found", checked.known, checked.unknown);
             for warning in &checked.warnings {
-                println!("warning: {warning}");
+                say!("warning: {warning}");
             }
             if checked.warnings.is_empty() {
-                println!("The layout is fine.");
+                say!("The layout is fine.");
             }
         }
         Ok(if checked.warnings.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(NOT_TRUSTWORTHY) })

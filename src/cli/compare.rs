@@ -4,7 +4,7 @@ use clap::Args;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use super::output::{print_json, print_table};
+use super::output::{print_json, print_table, say};
 use cellmap::complaint::InputError;
 use cellmap::export::Document;
 use cellmap::layout::read_layout;
@@ -66,12 +66,8 @@ pub(super) fn show(comparison: &Comparison) {
         })
         .collect();
     print_table(&["pose", "mm", "deg", "sigmas"], &rows);
-    println!(
-        "worst: {:.4} mm, {:.5} deg",
-        comparison.worst_translation() * 1e3,
-        comparison.worst_rotation().to_degrees()
-    );
+    say!("worst: {:.4} mm, {:.5} deg", comparison.worst_translation() * 1e3, comparison.worst_rotation().to_degrees());
     for key in &comparison.missing {
-        println!("only in the first: {key}");
+        say!("only in the first: {key}");
     }
 }

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use super::NOT_TRUSTWORTHY;
-use super::output::{print_json, progress_bar};
+use super::output::{print_json, progress_bar, say};
 use cellmap::complaint::InputError;
 use cellmap::export::Document;
 use cellmap::workflow::demo::{Demonstrated, demonstrate};
@@ -36,9 +36,9 @@ impl Demo {
         let never = std::sync::atomic::AtomicBool::new(false);
         let watch = Watch { progress: &detected, stop: &never };
         if !self.json {
-            println!("A made-up cell: a robot with a cube of tags, a tagged table, a pallet,");
-            println!("two cameras on tripods and one on the wrist. Rendering its pictures,");
-            println!("then forgetting where everything is and finding it again...");
+            say!("A made-up cell: a robot with a cube of tags, a tagged table, a pallet,");
+            say!("two cameras on tripods and one on the wrist. Rendering its pictures,");
+            say!("then forgetting where everything is and finding it again...");
         }
         let shown = demonstrate(&self.out, detector.as_ref(), &super::detect::tag_cells, &rendered, &watch)?;
         drawing.finish_and_clear();
@@ -67,17 +67,22 @@ fn as_json(shown: &Demonstrated) -> Document {
 
 fn show(shown: &Demonstrated, out: &std::path::Path) {
     let (d, s) = (&shown.detected, &shown.solved);
-    println!();
-    println!(
+    say!("");
+    say!(
         "rendered {} pictures in {:.1} s, found {} corners in {:.1} s,\nsolved {} unknowns in {:.3} s",
-        shown.pictures, shown.rendering, d.corners, d.seconds, s.unknowns, s.seconds.total
+        shown.pictures,
+        shown.rendering,
+        d.corners,
+        d.seconds,
+        s.unknowns,
+        s.seconds.total
     );
     if let Some(rms) = s.residuals.rms_px() {
-        println!("residual {rms:.3} px; every pose against the truth:");
+        say!("residual {rms:.3} px; every pose against the truth:");
     }
     super::compare::show(&shown.comparison);
-    println!();
-    println!("Files are in {}/: layout.yaml (what was known), truth.yaml,", out.display());
-    println!("images/, detections.csv, solution.yaml. What next:");
-    println!("  cellmap check {}/layout.yaml", out.display());
+    say!("");
+    say!("Files are in {}/: layout.yaml (what was known), truth.yaml,", out.display());
+    say!("images/, detections.csv, solution.yaml. What next:");
+    say!("  cellmap check {}/layout.yaml", out.display());
 }

@@ -4,7 +4,7 @@ use clap::Args;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use super::output::{print_json, progress_bar, stop_requested};
+use super::output::{print_json, progress_bar, say, stop_requested};
 use super::{LayoutArguments, NOT_TRUSTWORTHY, use_threads};
 use cellmap::complaint::InputError;
 use cellmap::detect::Detector;
@@ -97,21 +97,24 @@ pub(super) fn tag_cells(dictionary: cellmap::geometry::dictionary::Dictionary, i
 
 fn show(found: &Detected, out: &std::path::Path) {
     let rate = (found.pictures - found.resumed) as f64 / found.seconds.max(1e-9);
-    println!(
+    say!(
         "{} pictures, {} with something in them: {} tags or boards, {} corners",
-        found.pictures, found.pictures_with_detections, found.tags, found.corners
+        found.pictures,
+        found.pictures_with_detections,
+        found.tags,
+        found.corners
     );
-    println!("{:.2} s, {rate:.0} pictures a second, detector {}", found.seconds, found.detector);
+    say!("{:.2} s, {rate:.0} pictures a second, detector {}", found.seconds, found.detector);
     if found.resumed > 0 {
-        println!("{} pictures were done by an earlier run", found.resumed);
+        say!("{} pictures were done by an earlier run", found.resumed);
     }
     for failure in found.failed.iter().take(NAMED_FAILURES) {
-        println!("skipped: {}", failure.reason);
+        say!("skipped: {}", failure.reason);
     }
     if found.failed.len() > NAMED_FAILURES {
-        println!("skipped: {} more", found.failed.len() - NAMED_FAILURES);
+        say!("skipped: {} more", found.failed.len() - NAMED_FAILURES);
     }
-    println!("wrote {}", out.display());
+    say!("wrote {}", out.display());
 }
 
 fn as_json(found: &Detected) -> Document {

@@ -4,7 +4,7 @@ use clap::Args;
 use nalgebra::Matrix3;
 use std::process::ExitCode;
 
-use super::output::{print_json, print_table};
+use super::output::{print_json, print_table, say};
 use super::{LayoutArguments, NOT_TRUSTWORTHY};
 use cellmap::complaint::InputError;
 use cellmap::export::Document;
@@ -101,7 +101,7 @@ fn as_json(found: &Identified) -> Document {
 
 fn show(found: &Identified) {
     let free = &found.free;
-    println!("robot `{}`, point `{}`, {} measurements", found.robot, found.point, found.measurements);
+    say!("robot `{}`, point `{}`, {} measurements", found.robot, found.point, found.measurements);
     let rigid = found.rigid.as_ref();
     let pair = |name: &str, a: f64, b: Option<f64>, decimals: usize| {
         let cell = |value: f64| format!("{value:.decimals$}");
@@ -120,16 +120,16 @@ fn show(found: &Identified) {
     }
     rows.push(pair("rms mm", free.rms * 1e3, rigid.map(|r| r.rms * 1e3), 3));
     print_table(&["", "as published", "true rotation"], &rows);
-    println!(
+    say!(
         "{} after {} steps, condition {:.1}",
         if free.converged { "converged" } else { "not converged" },
         free.iterations,
         free.condition
     );
     let stretch: Vec<String> = (0..3).map(|i| format!("{:.3}", free.matrix.column(i).norm())).collect();
-    println!("lengths of the free matrix's columns: {} (a rotation has 1)", stretch.join(" "));
+    say!("lengths of the free matrix's columns: {} (a rotation has 1)", stretch.join(" "));
     if let Some(rigid) = rigid {
         let turn = rotation::log(&rigid.world_from_base.rotation).map(f64::to_degrees);
-        println!("true rotation as rotation vector: {:.3} {:.3} {:.3} deg", turn.x, turn.y, turn.z);
+        say!("true rotation as rotation vector: {:.3} {:.3} {:.3} deg", turn.x, turn.y, turn.z);
     }
 }

@@ -1,10 +1,22 @@
 //! How the program speaks: errors, tables, JSON, progress.
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use std::io::IsTerminal;
+use std::io::{IsTerminal, Write};
 
 use cellmap::complaint::{Complaint, InputError};
 use cellmap::export::Document;
+
+/// Prints a line on stdout. A reader that has gone away (`cellmap check | head`) is no fault of ours: what it does not read is dropped.
+macro_rules! say {
+    ($($words:tt)*) => { $crate::cli::output::line(format_args!($($words)*)) };
+}
+pub(super) use say;
+
+/// What [`say`] does.
+pub(super) fn line(words: std::fmt::Arguments<'_>) {
+    let mut out = std::io::stdout().lock();
+    let _ = out.write_fmt(words).and_then(|()| out.write_all(b"\n"));
+}
 
 /// Shows an error: each complaint with its line and its remedy on stderr, or as one JSON object on stdout.
 pub(super) fn show_error(error: &InputError, json: bool) {
@@ -43,7 +55,7 @@ fn show_complaint(complaint: &Complaint) {
 /// Prints one JSON object.
 pub(super) fn print_json(document: &Document) {
     match document.to_json() {
-        Ok(text) => println!("{text}"),
+        Ok(text) => say!("{text}"),
         Err(error) => eprintln!("error: {error}"),
     }
 }
@@ -67,7 +79,7 @@ pub(super) fn print_table(header: &[&str], rows: &[Vec<String>]) {
                 text.push_str(&format!("  {gap}{cell}"));
             }
         }
-        println!("{}", text.trim_end());
+        say!("{}", text.trim_end());
     };
     line(header.to_vec());
     for row in rows {

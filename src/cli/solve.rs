@@ -4,7 +4,7 @@ use clap::Args;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use super::output::{print_json, print_table};
+use super::output::{print_json, print_table, say};
 use super::{LayoutArguments, NOT_TRUSTWORTHY, use_threads};
 use cellmap::complaint::{Complaint, InputError};
 use cellmap::export::{Document, findings, solution};
@@ -42,7 +42,7 @@ impl Solve {
             print_json(&as_json(&solved));
         } else {
             show(&solved);
-            println!("wrote {} and the same as JSON", out.display());
+            say!("wrote {} and the same as JSON", out.display());
         }
         Ok(if solved.trustworthy() { ExitCode::SUCCESS } else { ExitCode::from(NOT_TRUSTWORTHY) })
     }
@@ -103,7 +103,7 @@ fn show(solved: &Solved) {
         ]);
     }
     print_table(&["pose", "x y z, mm", "rotation vector, deg"], &rows);
-    println!();
+    say!("");
     for (name, found) in findings::parameters(solved) {
         let Document::Map(entries) = found else { continue };
         let parts: Vec<String> = entries
@@ -119,18 +119,18 @@ fn show(solved: &Solved) {
                 _ => String::new(),
             })
             .collect();
-        println!("{name}:");
+        say!("{name}:");
         for chunk in parts.chunks(3) {
-            println!("  {}", chunk.join(", "));
+            say!("  {}", chunk.join(", "));
         }
     }
-    println!("{} after {} linearisations", solved.report.termination.words(), solved.report.iterations);
+    say!("{} after {} linearisations", solved.report.termination.words(), solved.report.iterations);
     let r = &solved.residuals;
     if let Some(rms) = r.rms_px() {
-        println!("residual: {rms:.3} px a coordinate over {} corners", r.corners.iter().flatten().count());
+        say!("residual: {rms:.3} px a coordinate over {} corners", r.corners.iter().flatten().count());
     }
     if let Some([t, a]) = r.rms_poses() {
-        println!(
+        say!(
             "residual: {:.3} mm and {:.3} deg over {} measured poses",
             t * 1e3,
             a.to_degrees(),
@@ -138,42 +138,51 @@ fn show(solved: &Solved) {
         );
     }
     if let Some(e) = r.rms_points() {
-        println!("residual: {:.3} mm over {} measured points", e * 1e3, r.points.iter().flatten().count());
+        say!("residual: {:.3} mm over {} measured points", e * 1e3, r.points.iter().flatten().count());
     }
     if let Some(e) = r.rms_contacts() {
-        println!("residual: {:.3} mm over {} contacts", e * 1e3, r.contacts.iter().flatten().count());
+        say!("residual: {:.3} mm over {} contacts", e * 1e3, r.contacts.iter().flatten().count());
     }
     if solved.rejected.total() > 0 {
         let j = &solved.rejected;
-        println!(
+        say!(
             "set aside as not belonging: {} corners, {} poses, {} points, {} contacts",
-            j.corners, j.poses, j.points, j.contacts
+            j.corners,
+            j.poses,
+            j.points,
+            j.contacts
         );
         if j.unplaced > 0 {
-            println!("left out, too little of a moving target was seen: {} measurements", j.unplaced);
+            say!("left out, too little of a moving target was seen: {} measurements", j.unplaced);
         }
     }
     let s = &solved.seconds;
-    println!(
+    say!(
         "time: {:.3} s reading, {:.3} initialising, {:.3} linearising, {:.3} factorising,\n      {:.3} evaluating, {:.3} covariance; {:.3} s in all",
-        s.read, s.initialise, s.linearise, s.factorise, s.evaluate, s.covariance, s.total
+        s.read,
+        s.initialise,
+        s.linearise,
+        s.factorise,
+        s.evaluate,
+        s.covariance,
+        s.total
     );
     for t in solved.tallies.iter().filter(|t| t.rejected > 0) {
         let of = t.accepted + t.rejected;
-        println!("  of `{}` by `{}`: {} of {of} corners", t.target, t.camera, t.rejected);
+        say!("  of `{}` by `{}`: {} of {of} corners", t.target, t.camera, t.rejected);
     }
     for doubt in solved.doubts() {
-        println!("warning: {doubt}");
+        say!("warning: {doubt}");
     }
     let mut said = "";
     for u in solved.undetermined.iter().take(NAMED_DIRECTIONS) {
-        println!("not determined: {}", u.reason);
+        say!("not determined: {}", u.reason);
         if u.remedy != said {
-            println!("  help: {}", u.remedy);
+            say!("  help: {}", u.remedy);
             said = &u.remedy;
         }
     }
     if solved.undetermined.len() > NAMED_DIRECTIONS {
-        println!("and {} more directions, all in the solution", solved.undetermined.len() - NAMED_DIRECTIONS);
+        say!("and {} more directions, all in the solution", solved.undetermined.len() - NAMED_DIRECTIONS);
     }
 }
