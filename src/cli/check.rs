@@ -7,7 +7,7 @@ use super::output::{print_json, say};
 use super::{LayoutArguments, NOT_TRUSTWORTHY};
 use cellmap::complaint::InputError;
 use cellmap::export::Document;
-use cellmap::workflow::check::check;
+use cellmap::workflow::check::{check, tree_of};
 
 #[derive(Args, Debug)]
 pub(super) struct Check {
@@ -18,7 +18,12 @@ pub(super) struct Check {
 impl Check {
     pub(super) fn run(self) -> Result<ExitCode, InputError> {
         let layout = self.common.read()?;
-        let checked = check(&layout)?;
+        let checked = check(&layout).inspect_err(|_| {
+            // A layout is worth explaining before its recording is complete.
+            if !self.common.json {
+                tree_of(&layout).iter().for_each(|line| say!("{line}"));
+            }
+        })?;
         if self.common.json {
             let texts = |list: &[String]| Document::List(list.iter().map(Document::text).collect());
             print_json(&Document::map([

@@ -199,6 +199,12 @@ fn misspelt_world(layout: &Layout) -> Option<&str> {
     if plain { nearest(&layout.world, names) } else { None }
 }
 
+/// The frames of a layout as lines of a tree, whatever the state of its recording.
+#[must_use]
+pub fn tree_of(layout: &Layout) -> Vec<String> {
+    draw(layout, &FrameTree::new(layout))
+}
+
 /// The tree, a line a frame: what hangs on what, and whether its pose is known.
 fn draw(layout: &Layout, tree: &FrameTree) -> Vec<String> {
     let mut lines = vec![layout.world.clone()];
