@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use super::NOT_TRUSTWORTHY;
 use super::output::{print_json, progress_bar, say};
 use cellmap::complaint::InputError;
-use cellmap::export::Document;
+use cellmap::export::{Document, solution};
 use cellmap::workflow::demo::{Demonstrated, demonstrate};
 use cellmap::workflow::detect::Watch;
 
@@ -40,7 +40,8 @@ impl Demo {
             say!("two cameras on tripods and one on the wrist. Rendering its pictures,");
             say!("then forgetting where everything is and finding it again...");
         }
-        let shown = demonstrate(&self.out, detector.as_ref(), &super::detect::tag_cells, &rendered, &watch)?;
+        let shown =
+            demonstrate(&self.out, detector.as_ref(), &super::detect::tag_cells, &solution::write, &rendered, &watch)?;
         drawing.finish_and_clear();
         detecting.finish_and_clear();
         if self.json {

@@ -7,7 +7,6 @@ use super::detect::{Detected, Watch, detect};
 use super::solve::{SolveRequest, Solved, solve};
 use crate::complaint::{Complaint, InputError};
 use crate::detect::Detector;
-use crate::export::solution;
 use crate::geometry::dictionary::Dictionary;
 use crate::layout::{parse_layout, read_layout};
 use crate::recording::{DEFAULT_DETECTIONS, Recording, RobotMotion};
@@ -33,7 +32,8 @@ pub struct Demonstrated {
     pub comparison: Comparison,
 }
 
-/// Makes the demo's recording in `folder`, detects, solves, and compares with the truth. `tag_cells` draws a tag.
+/// Makes the demo's recording in `folder`, detects, solves, and compares with the truth. `tag_cells` draws a tag; `write_solution` puts the solution
+/// where it is told, so that this folder need not know how a solution is written.
 ///
 /// # Errors
 /// When the folder cannot be written to; otherwise only if something is broken.
@@ -41,6 +41,7 @@ pub fn demonstrate(
     folder: &Path,
     detector: &dyn Detector,
     tag_cells: &dyn Fn(Dictionary, u32) -> Result<Vec<bool>, String>,
+    write_solution: &dyn Fn(&Path, &Solved) -> std::io::Result<()>,
     rendered: &(dyn Fn(usize, usize) + Sync),
     watch: &Watch<'_>,
 ) -> Result<Demonstrated, InputError> {
@@ -66,7 +67,7 @@ pub fn demonstrate(
     let detected = detect(&layout, detector, &folder.join(DEFAULT_DETECTIONS), watch)?;
     let solved = solve(layout, &SolveRequest::default())?;
     let out = folder.join("solution.yaml");
-    solution::write(&out, &solved).map_err(failed)?;
+    write_solution(&out, &solved).map_err(failed)?;
     let comparison = compare(&read_layout(&out, None)?, &truth)?;
     Ok(Demonstrated { pictures, rendering, detected, solved, comparison })
 }
