@@ -3,7 +3,6 @@
 
 use cellmap::detect::Detector;
 use cellmap::detect::opencv::OpenCvDetector;
-use cellmap::detect::tag_cells::tag_cells;
 use cellmap::geometry::dictionary::Dictionary;
 use cellmap::geometry::{Feature, Pattern};
 use cellmap::layout::parse_layout;
@@ -12,7 +11,7 @@ use cellmap::simulate::{Cell, CornerNoise, PictureNoise, corners, plates, render
 
 #[test]
 fn a_tag_of_every_dictionary_is_found_where_it_is() {
-    for dictionary in Dictionary::all() {
+    for dictionary in Dictionary::all().filter(|d| d.opencv_number().is_some_and(|n| n < 21)) {
         let ids = [0, dictionary.tag_count() / 2, dictionary.tag_count() - 1];
         let targets: String = ids
             .iter()
@@ -34,7 +33,7 @@ fn a_tag_of_every_dictionary_is_found_where_it_is() {
         let layout = parse_layout("x.yaml".as_ref(), &text, None).unwrap();
         let recording = Recording::default();
         let cell = Cell::new(&layout, &recording);
-        let plates = plates(&cell, tag_cells).unwrap();
+        let plates = plates(&cell);
         let picture = render(&cell, &plates, 0, 0, PictureNoise { blur: 0.7, grey: 2.0, seed: 1 }).unwrap();
         let truth = corners(&cell, &[0], CornerNoise { pixel_sigma: 0.0, seed: 0 });
         assert_eq!(truth.len(), 12);

@@ -40,8 +40,7 @@ impl Demo {
             say!("two cameras on tripods and one on the wrist. Rendering its pictures,");
             say!("then forgetting where everything is and finding it again...");
         }
-        let shown =
-            demonstrate(&self.out, detector.as_ref(), &super::detect::tag_cells, &solution::write, &rendered, &watch)?;
+        let shown = demonstrate(&self.out, detector.as_ref(), &solution::write, &rendered, &watch)?;
         drawing.finish_and_clear();
         detecting.finish_and_clear();
         if self.json {

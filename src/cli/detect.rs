@@ -80,21 +80,6 @@ pub(super) fn default_detector(layout: &std::path::Path) -> Result<Box<dyn Detec
     }
 }
 
-/// The cells of a tag row by row, border included: whether each is white.
-///
-/// # Errors
-/// When this build has no dictionaries to draw from.
-pub(super) fn tag_cells(dictionary: cellmap::geometry::dictionary::Dictionary, id: u32) -> Result<Vec<bool>, String> {
-    #[cfg(feature = "opencv")]
-    {
-        cellmap::detect::tag_cells::tag_cells(dictionary, id).map_err(|error| error.to_string())
-    }
-    #[cfg(not(feature = "opencv"))]
-    {
-        Err(format!("this build of cellmap cannot draw tag {id} of {dictionary}"))
-    }
-}
-
 fn show(found: &Detected, out: &std::path::Path) {
     let rate = (found.pictures - found.resumed) as f64 / found.seconds.max(1e-9);
     say!(

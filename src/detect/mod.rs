@@ -11,7 +11,6 @@
 //! * [`saddle`]: a board's corners, from the crossing of two edges.
 //! * [`charuco`]: a ChArUco board's corners, from the tags on it.
 //! * [`checkerboard`]: which corner of a checkerboard is the first, and whether that can be known.
-//! * `tag_cells` (feature `opencv`): what a tag looks like in print.
 //! * `opencv` (feature `opencv`): the finder, built on the system's OpenCV.
 //!
 //! **Pixels**: the centre of the top-left pixel is (0, 0). **Corners of a tag** are 0 top-left,
@@ -27,8 +26,6 @@ pub mod opencv;
 pub mod picture;
 mod plane_map;
 pub mod saddle;
-#[cfg(feature = "opencv")]
-pub mod tag_cells;
 
 use thiserror::Error;
 
@@ -62,6 +59,14 @@ pub enum DetectError {
         pattern: usize,
         /// Why.
         reason: String,
+    },
+    /// The detector does not know the dictionary.
+    #[error("the {detector} detector does not know dictionary {dictionary}")]
+    Dictionary {
+        /// The detector's name.
+        detector: &'static str,
+        /// The dictionary.
+        dictionary: Dictionary,
     },
     /// The library underneath gave up.
     #[error("{detector} failed while {doing}: {words}")]

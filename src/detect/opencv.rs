@@ -45,9 +45,14 @@ impl OpenCvDetector {
     /// [`DetectError::Library`].
     pub fn find_tags(&self, picture: &GreyPicture, dictionary: Dictionary) -> Result<Vec<FoundTag>, DetectError> {
         let failed = library("looking for tags");
+        // OpenCV before 4.7 ends here.
+        let number = dictionary.opencv_number().filter(|number| *number <= Dictionary::AprilTag36h11 as i32);
+        let Some(number) = number else {
+            return Err(DetectError::Dictionary { detector: "opencv", dictionary });
+        };
         let mat = borrow(picture).map_err(&failed)?;
         let tags = (|| {
-            let family = aruco::get_predefined_dictionary_i32(dictionary as i32)?;
+            let family = aruco::get_predefined_dictionary_i32(number)?;
             let mut parameters = aruco::DetectorParameters::default()?;
             parameters.set_corner_refinement_method(aruco::CornerRefineMethod::CORNER_REFINE_NONE as i32);
             // Read the middle third of each cell only, finely: the rough corners are up to a pixel off, and cells

@@ -12,7 +12,6 @@ use rand_distr::{Distribution, StandardNormal};
 
 use super::cell::Cell;
 use crate::detect::GreyPicture;
-use crate::geometry::dictionary::Dictionary;
 use crate::geometry::{Intrinsics, Pattern, Pose, TargetGeometry};
 
 /// Rays a pixel along each axis.
@@ -28,7 +27,7 @@ pub struct Plate {
     pub frame: usize,
     /// `frame_from_tag`.
     pub frame_from_tag: Pose,
-    /// Outer edge of the tag's black border, m.
+    /// Edge of the printed pattern, m.
     pub size: f64,
     /// Half the plate's edge, m.
     pub half: f64,
@@ -49,11 +48,9 @@ pub struct PictureNoise {
     pub seed: u64,
 }
 
-/// The plates of every tag of a cell; `cells_of` gives a tag's pattern, border included.
-pub fn plates<E>(
-    cell: &Cell<'_>,
-    mut cells_of: impl FnMut(Dictionary, u32) -> Result<Vec<bool>, E>,
-) -> Result<Vec<Plate>, E> {
+/// The plates of every tag of a cell.
+#[must_use]
+pub fn plates(cell: &Cell<'_>) -> Vec<Plate> {
     let mut plates = Vec::new();
     for (target, frame) in cell.layout.targets.iter().zip(&cell.tree.targets) {
         let (TargetGeometry::Tags(faces), Some(Pattern::Tags { dictionary, .. })) = (&target.geometry, &target.pattern)
@@ -61,15 +58,17 @@ pub fn plates<E>(
             continue;
         };
         for face in faces {
-            let Some(frame_from_tag) = face.target_from_tag else { continue };
+            let (Some(frame_from_tag), Some(white)) = (face.target_from_tag, dictionary.cells(face.id)) else {
+                continue;
+            };
             let cells = dictionary.cells_per_side();
-            let white = cells_of(*dictionary, face.id)?;
+            let size = face.size * cells as f64 / dictionary.edge_cells() as f64;
             // A white margin of one cell, as every printed tag needs.
-            let half = 0.5 * face.size * (1.0 + 2.0 / cells as f64);
-            plates.push(Plate { frame: *frame, frame_from_tag, size: face.size, half, cells, white });
+            let half = 0.5 * size * (1.0 + 2.0 / cells as f64);
+            plates.push(Plate { frame: *frame, frame_from_tag, size, half, cells, white });
         }
     }
-    Ok(plates)
+    plates
 }
 
 /// A picture as a PNG file's bytes.

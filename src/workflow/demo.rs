@@ -7,7 +7,6 @@ use super::detect::{Detected, Watch, detect};
 use super::solve::{SolveRequest, Solved, solve};
 use crate::complaint::{Complaint, InputError};
 use crate::detect::Detector;
-use crate::geometry::dictionary::Dictionary;
 use crate::layout::{parse_layout, read_layout};
 use crate::recording::{DEFAULT_DETECTIONS, Recording, RobotMotion};
 use crate::simulate::{Cell, PictureNoise, demo, plates};
@@ -32,7 +31,7 @@ pub struct Demonstrated {
     pub comparison: Comparison,
 }
 
-/// Makes the demo's recording in `folder`, detects, solves, and compares with the truth. `tag_cells` draws a tag; `write_solution` puts the solution
+/// Makes the demo's recording in `folder`, detects, solves, and compares with the truth. `write_solution` puts the solution
 /// where it is told, so that this folder need not know how a solution is written.
 ///
 /// # Errors
@@ -40,7 +39,6 @@ pub struct Demonstrated {
 pub fn demonstrate(
     folder: &Path,
     detector: &dyn Detector,
-    tag_cells: &dyn Fn(Dictionary, u32) -> Result<Vec<bool>, String>,
     write_solution: &dyn Fn(&Path, &Solved) -> std::io::Result<()>,
     rendered: &(dyn Fn(usize, usize) + Sync),
     watch: &Watch<'_>,
@@ -55,8 +53,7 @@ pub fn demonstrate(
     demo::write_description(folder, &truth, &stops).map_err(failed)?;
     let recording = Recording { motions: vec![RobotMotion::Joints(stops.clone())], ..Recording::default() };
     let cell = Cell::new(&truth, &recording);
-    let plates = plates(&cell, tag_cells)
-        .map_err(|words| Complaint::of(&truth_file, words, "check the detector's installation"))?;
+    let plates = plates(&cell);
     let all = stops.len() * truth.cameras.len();
     let count = std::sync::atomic::AtomicUsize::new(0);
     let done = || rendered(count.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1, all);
