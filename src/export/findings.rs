@@ -1,8 +1,8 @@
 //! What a solve found, in the fixed units of reports: millimetres, degrees, pixels.
 
-use super::document::Document;
 use crate::frames::Freedom;
 use crate::geometry::rotation;
+use crate::layout::Document;
 use crate::layout::{Motion, PoseSpec};
 use crate::robot::PARAMETERS_PER_LINK;
 use crate::solve::UnknownKind;

@@ -1,8 +1,6 @@
 //! What other programs read: the solution as YAML and JSON.
 
-pub mod document;
 pub mod findings;
-mod paths;
 pub mod solution;
 
-pub use document::Document;
+pub use crate::layout::Document;

@@ -29,7 +29,7 @@ pub fn pieces<'a>(tree: &FrameTree, measured: impl IntoIterator<Item = (&'a Path
     let moving_node = |edge: usize, configuration: usize| tree.frames.len() + edge * configurations + configuration;
     let mut ties = UnionFind::<usize>::new(tree.frames.len() + tree.moving_edges.len() * configurations);
     for edge in &tree.static_edges {
-        if !matches!(edge.spec, PoseSpec::Unknown | PoseSpec::Start(_))
+        if !matches!(edge.spec, PoseSpec::Unknown | PoseSpec::Hidden(_) | PoseSpec::Start(_))
             && let Some(parent) = tree.frames[edge.frame].parent
         {
             ties.union(edge.frame, parent);

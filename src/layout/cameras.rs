@@ -67,6 +67,14 @@ pub(super) fn read_camera(context: &Context<'_>, name: &str, node: &Node) -> Opt
     Some(Camera { name: name.to_owned(), line, images, intrinsics, refine, mount: mount?, pose: pose? })
 }
 
+/// The words of `refine` for a list of parameters: the inverse of reading them.
+pub(super) fn refined_groups(lens: &Intrinsics, refine: &[usize]) -> Vec<&'static str> {
+    let has =
+        |places: std::ops::Range<usize>| !places.is_empty() && places.clone().any(|place| refine.contains(&place));
+    let groups = [("focal", 0..2), ("centre", 2..4), ("distortion", 4..lens.model().parameter_count())];
+    groups.into_iter().filter(|(_, places)| has(places.clone())).map(|(name, _)| name).collect()
+}
+
 fn read_refine(to: &Gathered<'_>, name: &str, node: &Node, model: LensModel) -> Option<Vec<usize>> {
     let Value::Sequence(items) = &node.value else {
         return to.complain(

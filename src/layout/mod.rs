@@ -5,18 +5,25 @@
 
 pub mod builtin;
 mod cameras;
+mod document;
 pub mod fields;
 pub mod images;
 pub mod model;
 mod names;
+mod paths;
 pub(crate) mod poses;
 mod read;
 mod robots;
+pub mod simulate;
+mod tags;
 mod targets;
+pub mod write;
 pub mod yaml;
 
 pub use cameras::parse_intrinsics;
+pub use document::Document;
 pub use model::*;
+pub use paths::Paths;
 pub use read::{parse_layout, plain, read_layout};
 pub use robots::parse_model;
-pub use targets::parse_target;
+pub use tags::{TagPlaces, parse_target};

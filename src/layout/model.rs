@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use super::simulate::SimulateSettings;
 use crate::geometry::{Intrinsics, Pattern, Pose, TargetGeometry};
 use crate::robot::{Chain, ParameterKind};
 
@@ -53,15 +54,26 @@ pub enum PoseSpec {
     Start(Pose),
     /// To be found, believed to be near.
     Prior(Pose, PoseSigma),
+    /// To be found: where it really is, for a simulation, which tells nobody.
+    Hidden(Pose),
 }
 
 impl PoseSpec {
-    /// The pose that the layout gives, whatever it means by it.
+    /// The pose that the layout gives to a solver, whatever it means by it.
     #[must_use]
     pub fn pose(&self) -> Option<Pose> {
         match self {
-            Self::Unknown => None,
+            Self::Unknown | Self::Hidden(_) => None,
             Self::Fixed(pose) | Self::Start(pose) | Self::Prior(pose, _) => Some(*pose),
+        }
+    }
+
+    /// The pose that the layout gives to a simulation, which knows the hidden ones too.
+    #[must_use]
+    pub fn truth(&self) -> Option<Pose> {
+        match self {
+            Self::Hidden(pose) => Some(*pose),
+            _ => self.pose(),
         }
     }
 }
@@ -91,6 +103,8 @@ pub struct Layout {
     pub observations: Observations,
     /// How to solve.
     pub solve: SolveSettings,
+    /// How to simulate.
+    pub simulate: SimulateSettings,
     /// Standard deviations of a solution that this file carries, keyed `parent_from_child`.
     pub solved: Vec<SolvedPose>,
 }
@@ -231,6 +245,8 @@ pub struct Target {
     pub line: usize,
     /// What can be seen of it, and where.
     pub geometry: TargetGeometry,
+    /// The same with the places that are hidden from a solver, for a simulation.
+    pub true_geometry: TargetGeometry,
     /// How a detector finds it; none for a target that is not looked for in pictures.
     pub pattern: Option<Pattern>,
     /// What it hangs on.

@@ -39,7 +39,7 @@ pub(super) fn read_units(fields: &Fields<'_>) -> Option<Units> {
     Some(Units { length: length?, angle: angle? })
 }
 
-/// `parent_from_child` as `{xyz, <one rotation key>}`, optionally with `sigma` or `start`.
+/// `parent_from_child` as `{xyz, <one rotation key>}`, optionally with one of `sigma`, `start` and `unknown`.
 pub(super) fn read_pose_spec(to: &Gathered<'_>, node: &Node, what: &str, units: Units) -> Option<PoseSpec> {
     if node.text() == Some("unknown") {
         return Some(PoseSpec::Unknown);
@@ -47,19 +47,30 @@ pub(super) fn read_pose_spec(to: &Gathered<'_>, node: &Node, what: &str, units: 
     let fields = Fields::open(to, node, format!("the pose of {what}"))?;
     let pose = read_pose_parts(&fields, units);
     let start = fields.get("start").map(|node| fields.flag(node, "start"));
+    let unknown = fields.get("unknown").map(|node| fields.flag(node, "unknown"));
     let sigma_line = fields.get("sigma").map(|node| (node.line, read_sigma(to, node, what, units)));
+    let line = fields.line;
     fields.finish();
     let pose = pose?;
-    match (start, sigma_line) {
-        (Some(start), None) => Some(if start? { PoseSpec::Start(pose) } else { PoseSpec::Fixed(pose) }),
-        (None, Some((_, sigma))) => Some(PoseSpec::Prior(pose, sigma?)),
-        (None, None) => Some(PoseSpec::Fixed(pose)),
-        (Some(_), Some((line, _))) => to.complain(
-            line,
-            format!("the pose of {what} has both `sigma` and `start`"),
-            "`sigma` makes it a prior, `start` a starting value only: keep one",
-        ),
+    let given: Vec<&str> =
+        [("sigma", sigma_line.is_some()), ("start", start.is_some()), ("unknown", unknown.is_some())]
+            .iter()
+            .filter(|(_, given)| *given)
+            .map(|(key, _)| *key)
+            .collect();
+    if let [first, second, ..] = given[..] {
+        return to.complain(
+            sigma_line.map_or(line, |(line, _)| line),
+            format!("the pose of {what} has both `{first}` and `{second}`"),
+            "`sigma` makes it a prior, `start` a starting value only, `unknown` hides it from the solver: keep one",
+        );
     }
+    Some(match (start, unknown, sigma_line) {
+        (Some(start), ..) if start? => PoseSpec::Start(pose),
+        (_, Some(unknown), _) if unknown? => PoseSpec::Hidden(pose),
+        (.., Some((_, sigma))) => PoseSpec::Prior(pose, sigma?),
+        _ => PoseSpec::Fixed(pose),
+    })
 }
 
 /// A plain pose, for description files.

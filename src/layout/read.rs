@@ -7,6 +7,7 @@ use super::fields::{Fields, Gathered};
 use super::model::{Layout, LossSetting, Mount, Observations, PoseSpec, Sensor, SolveSettings, SolvedPose, Units};
 use super::poses::{read_pose_spec, read_units};
 use super::robots::read_robot;
+use super::simulate::{SimulateSettings, read_simulate};
 use super::targets::read_target;
 use super::yaml::{self, Node, Value};
 use super::{names, yaml::YamlError};
@@ -144,6 +145,10 @@ fn read_root(to: &Gathered<'_>, root: &Node, folder: &Path, recording: &Path) ->
         None => Some(SolveSettings::default()),
         Some(node) => read_solve(to, node, context.units),
     };
+    let simulate = match fields.get("simulate") {
+        None => Some(SimulateSettings::default()),
+        Some(node) => read_simulate(to, node, context.units),
+    };
     let solved = match fields.get("solution") {
         None => Some(Vec::new()),
         Some(node) => read_solved(to, node),
@@ -162,6 +167,7 @@ fn read_root(to: &Gathered<'_>, root: &Node, folder: &Path, recording: &Path) ->
         files: Vec::new(),
         observations: observations?,
         solve: solve?,
+        simulate: simulate?,
         solved: solved?,
     })
 }

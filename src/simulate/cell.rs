@@ -33,7 +33,7 @@ impl<'a> Cell<'a> {
     pub fn pose(&self, from: FrameId, to: FrameId, configuration: u64) -> Option<Pose> {
         self.tree.path(from, to).steps.iter().try_fold(Pose::identity(), |pose, step| {
             let (value, inverse) = match *step {
-                Step::Static { edge, inverse } => (self.tree.static_edges[edge].spec.pose()?, inverse),
+                Step::Static { edge, inverse } => (self.tree.static_edges[edge].spec.truth()?, inverse),
                 Step::Moving { .. } => return None,
                 Step::Robot { robot, from, to, inverse } => {
                     (self.recording.robot_segment(self.layout, robot, configuration, from, to)?, inverse)

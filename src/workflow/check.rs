@@ -237,7 +237,7 @@ fn draw_children(layout: &Layout, tree: &FrameTree, parent: FrameId, indent: &st
                 PoseSpec::Unknown if tree.static_edges[edge].freedom == Freedom::Translation => {
                     "place unknown".to_owned()
                 }
-                PoseSpec::Unknown => "unknown".to_owned(),
+                PoseSpec::Unknown | PoseSpec::Hidden(_) => "unknown".to_owned(),
                 PoseSpec::Fixed(_) => "known".to_owned(),
                 PoseSpec::Start(_) => "unknown, with a start".to_owned(),
                 PoseSpec::Prior(..) => "unknown, with a prior".to_owned(),

@@ -1,19 +1,22 @@
-//! How a solution names files, so that it can be loaded from the folder it stands in.
+//! How a layout that is written names files, so that it can be loaded from the folder it stands in.
 
 use std::path::Path;
 
 use super::document::Document;
 
-/// How a solution names files so that it can be loaded from its own folder.
-pub(super) struct Paths<'a> {
+/// How a layout names files so that it can be loaded from its own folder.
+#[derive(Debug)]
+pub struct Paths<'a> {
     recording: &'a Path,
     layout_folder: &'a Path,
-    /// Whether the solution stands in the recording, so that relative paths keep their meaning.
+    /// Whether the names keep their meaning: the layout will stand in the recording, or the files will come along.
     at_home: bool,
 }
 
 impl<'a> Paths<'a> {
-    pub(super) fn new(layout: &'a crate::layout::Layout, folder: &Path) -> Self {
+    /// For a layout that is written into `folder` while its files stay where they are.
+    #[must_use]
+    pub fn new(layout: &'a super::Layout, folder: &Path) -> Self {
         let same = |a: &Path, b: &Path| matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b);
         let layout_folder = layout.file.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
         Self { recording: &layout.recording, layout_folder, at_home: same(&layout.recording, folder) }

@@ -3,7 +3,7 @@
 use serde::ser::{Serialize, SerializeMap, SerializeSeq, Serializer};
 use serde_saphyr::FlowSeq;
 
-use crate::layout::Description;
+use super::model::Description;
 
 /// A value of a document.
 #[derive(Clone, Debug, PartialEq)]
