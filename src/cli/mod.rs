@@ -8,6 +8,7 @@ mod demo;
 mod detect;
 mod identify;
 mod output;
+mod simulate;
 mod solve;
 
 use clap::{Args, Parser, Subcommand};
@@ -29,6 +30,8 @@ struct Cli {
 enum Command {
     /// Explain a layout in words and say what is missing
     Check(check::Check),
+    /// Make a recording with known truth from a layout whose poses are known
+    Simulate(simulate::Simulate),
     /// Find the corners of all targets in all pictures
     Detect(detect::Detect),
     /// Find where everything is
@@ -37,7 +40,7 @@ enum Command {
     Identify(identify::Identify),
     /// Compare the poses of two layouts, or of a solution with a truth
     Compare(compare::Compare),
-    /// Make a small recording, detect, solve and compare with the truth
+    /// Render the paper's simulation, detect, solve and compare with the truth
     Demo(demo::Demo),
 }
 
@@ -71,6 +74,7 @@ pub fn run() -> ExitCode {
     output::exit_cleanly_on_interrupt();
     let (json, outcome) = match cli.command {
         Command::Check(command) => (command.common.json, command.run()),
+        Command::Simulate(command) => (command.common.json, command.run()),
         Command::Detect(command) => (command.common.json, command.run()),
         Command::Solve(command) => (command.common.json, command.run()),
         Command::Identify(command) => (command.common.json, command.run()),
