@@ -2,6 +2,7 @@
 //!
 //! Nothing here is used to solve; it exists so that every claim about accuracy can be checked, and so that a newcomer has something to run.
 
+pub mod bodies;
 mod cell;
 mod corners;
 pub mod demo;
