@@ -8,6 +8,7 @@ mod corners;
 pub mod demo;
 pub mod paper_size;
 mod picture;
+pub mod render;
 
 pub use cell::Cell;
 pub use corners::{CornerNoise, corners};
