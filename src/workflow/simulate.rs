@@ -1,5 +1,6 @@
 //! `simulate`: a layout whose poses are known becomes a recording in ordinary files, with its truth.
 
+use rand::Rng;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -10,11 +11,12 @@ use super::localise::{Copied, localise};
 use crate::complaint::{Complaint, InputError};
 use crate::geometry::TargetGeometry;
 use crate::layout::images::ImagePattern;
-use crate::layout::simulate::PathSource;
+use crate::layout::simulate::{PathSource, PictureSettings};
 use crate::layout::write::sections;
 use crate::layout::{Document, Layout, Motion, Paths, plain};
 use crate::recording::write::{write_motions, write_points, write_target_poses};
 use crate::recording::{DEFAULT_DETECTIONS, Recording, RobotMotion, atomic, write_detections, write_exact_detections};
+use crate::simulate::random::{Purpose, stream};
 use crate::simulate::render::{Exposure, Look, PictureFormat, Scene, encode, render};
 use crate::simulate::{CornerNoise, Simulated, corners, knowledge, paths, simulate};
 
@@ -403,6 +405,22 @@ fn write_files(folder: &Path, prepared: &Prepared, simulated: &Simulated) -> std
     Ok(())
 }
 
+/// How a picture is taken; the camera shakes along `direction` (rad).
+fn exposure(settings: &PictureSettings, direction: f64) -> Exposure {
+    let (sin, cos) = direction.sin_cos();
+    // About half of a camera's noise on white paper comes with the light.
+    let part = std::f64::consts::FRAC_1_SQRT_2 * settings.noise;
+    Exposure {
+        gain: settings.exposure,
+        defocus: settings.blur,
+        motion: [settings.motion_blur * cos, settings.motion_blur * sin],
+        read_noise: part,
+        shot_noise: part,
+        vignetting: settings.vignetting,
+        ..Exposure::default()
+    }
+}
+
 /// Renders every picture that exists; returns how many there are.
 fn write_pictures(
     folder: &Path,
@@ -412,8 +430,8 @@ fn write_pictures(
 ) -> std::io::Result<usize> {
     let cell = simulated.cell();
     let look = &prepared.layout.simulate.picture;
-    let scene = Scene::new(&cell, &Look { seed: prepared.request.seed, clutter: look.clutter, ..Look::default() });
-    let exposure = Exposure::from(*look);
+    let seed = prepared.request.seed;
+    let scene = Scene::new(&cell, &if look.clutter { Look::full(seed) } else { Look::plain(seed) });
     let missing: std::collections::BTreeSet<_> = simulated.missing.iter().copied().collect();
     let mut work = Vec::new();
     let mut patterns: BTreeMap<usize, (ImagePattern, PictureFormat)> = BTreeMap::new();
@@ -435,6 +453,8 @@ fn write_pictures(
             return Ok(0);
         }
         let Some((pattern, format)) = patterns.get(&camera) else { return Ok(0) };
+        let mut random = stream(seed, Purpose::Picture, [camera as u64, configuration, shot]);
+        let exposure = exposure(look, random.random_range(0.0..std::f64::consts::TAU));
         let Some(picture) = render(&cell, &scene, camera, configuration, shot, &exposure) else { return Ok(0) };
         let path = pattern.path(folder, configuration, shot);
         if let Some(parent) = path.parent() {

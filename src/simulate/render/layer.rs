@@ -1,0 +1,354 @@
+//! What a camera sees, as light before the lens: still things first, then moving ones before them and their shadows over them.
+//!
+//! The picture is worked through in tiles. For each, the few bodies that its rays can meet are picked; each pixel then lays their surfaces over each other from near
+//! to far by the parts of the pixel they cover.
+
+use nalgebra::Vector3;
+
+use super::rays::{Ray, RayTable};
+use super::solid::{Face, Patch, Solid};
+use super::texture::Textures;
+
+/// Edge of a tile, px.
+const TILE: usize = 16;
+/// Most bodies whose surfaces are told apart in one pixel.
+const MOST_LAYERS: usize = 24;
+/// Light from all around, and from the lamp, that a white surface facing it returns.
+const AMBIENT: f64 = 0.40;
+const DIRECT: f64 = 0.66;
+/// How far behind a still surface (m) a moving one may lie and still be drawn: no more than rounding.
+const SLACK: f64 = 1e-4;
+
+/// The lamp, in the camera's frame.
+#[derive(Clone, Copy, Debug)]
+pub struct Light {
+    /// Its place.
+    pub place: Vector3<f64>,
+    /// Which way is up.
+    pub up: Vector3<f64>,
+    /// Its radius, m: how soft shadows are.
+    pub radius: f64,
+    /// The distance (m) at which it has its nominal strength.
+    pub nominal: f64,
+}
+
+/// What still things send to a camera: the part from all around, the part from the lamp (shadows of still things taken off), and how far away they are (m).
+#[derive(Debug)]
+pub struct Layer {
+    ambient: Vec<f32>,
+    direct: Vec<f32>,
+    depth: Vec<f32>,
+}
+
+/// A camera's view of a cell.
+#[derive(Debug)]
+pub struct View<'a> {
+    /// The lens.
+    pub rays: &'a RayTable,
+    /// The lamp; `shadows` says whether it casts any.
+    pub light: Light,
+    /// Whether bodies cast shadows.
+    pub shadows: bool,
+    /// Floor, ceiling and walls, facing inwards; empty for none.
+    pub room: &'a [Face<'a>],
+    /// Textures.
+    pub textures: &'a Textures,
+}
+
+/// One body in one pixel.
+#[derive(Clone, Copy)]
+struct Fragment {
+    depth: f64,
+    covered: f64,
+    ambient: f64,
+    direct: f64,
+}
+
+const NOTHING: Fragment = Fragment { depth: f64::INFINITY, covered: 0.0, ambient: 0.0, direct: 0.0 };
+
+/// The bodies of one pixel from near to far.
+struct Stack {
+    fragments: [Fragment; MOST_LAYERS],
+    count: usize,
+}
+
+impl Stack {
+    fn insert(&mut self, fragment: Fragment) {
+        if self.count == MOST_LAYERS {
+            return;
+        }
+        let mut place = self.count;
+        while place > 0 && self.fragments[place - 1].depth > fragment.depth {
+            self.fragments[place] = self.fragments[place - 1];
+            place -= 1;
+        }
+        self.fragments[place] = fragment;
+        self.count += 1;
+    }
+}
+
+/// A tile's pixels and the cone around their rays.
+struct Tile {
+    columns: std::ops::Range<usize>,
+    rows: std::ops::Range<usize>,
+    axis: Vector3<f64>,
+    tangent: f64,
+}
+
+/// A body with those that may stand in its light.
+struct Lit<'a> {
+    solid: &'a Solid<'a>,
+    shaded_by: Vec<&'a Solid<'a>>,
+}
+
+impl View<'_> {
+    /// The tiles of the picture that the lens shows anything in.
+    fn tiles(&self) -> impl Iterator<Item = Tile> + '_ {
+        let [width, height] = self.rays.size;
+        let starts = (0..height).step_by(TILE).flat_map(move |row| (0..width).step_by(TILE).map(move |c| (c, row)));
+        starts.map(move |(column, row)| {
+            let (columns, rows) = (column..(column + TILE).min(width), row..(row + TILE).min(height));
+            let rim = || {
+                let along = columns.clone().flat_map(|c| [(c, rows.start), (c, rows.end - 1)]);
+                along.chain(rows.clone().flat_map(|r| [(columns.start, r), (columns.end - 1, r)]))
+            };
+            let seen = || rim().filter_map(|(c, r)| self.rays.direction(c, r));
+            let axis = seen().sum::<Vector3<f64>>().try_normalize(1e-9).unwrap_or_else(Vector3::z);
+            let cosine = seen().map(|ray| ray.dot(&axis)).fold(1.0f64, f64::min).clamp(0.05, 1.0);
+            // A pixel more, for the areas of the pixels at the rim.
+            let tangent = (1.0 - cosine * cosine).sqrt() / cosine * (1.0 + 2.0 / TILE as f64) + 1e-6;
+            Tile { columns, rows, axis, tangent }
+        })
+    }
+
+    /// Bodies with those that may shade them.
+    fn lit<'b>(&self, bodies: &'b [Solid<'b>], casters: &[&'b Solid<'b>]) -> Vec<Lit<'b>> {
+        let shades = |solid: &Solid<'b>, caster: &Solid<'b>| {
+            let kin = solid.group == caster.group && solid.link.abs_diff(caster.link) < 2;
+            !kin && caster.near_shaft(&solid.middle, solid.radius, &self.light.place, self.light.radius)
+        };
+        let one = |solid: &'b Solid<'b>| {
+            let shaded_by = if self.shadows {
+                casters.iter().copied().filter(|caster| shades(solid, caster)).collect()
+            } else {
+                Vec::new()
+            };
+            Lit { solid, shaded_by }
+        };
+        bodies.iter().map(one).collect()
+    }
+
+    /// The light a white surface returns: from all around and from the lamp.
+    fn falling(&self, point: &Vector3<f64>, normal: &Vector3<f64>) -> (f64, f64) {
+        let ambient = AMBIENT * (0.8 + 0.2 * normal.dot(&self.light.up));
+        let to_light = self.light.place - point;
+        let squared = to_light.norm_squared();
+        let strength = DIRECT * self.light.nominal / squared;
+        (ambient, (strength * normal.dot(&to_light)).max(0.0))
+    }
+
+    /// The part of the lamp's light that reaches a point past some bodies.
+    fn passing(&self, point: &Vector3<f64>, casters: &[&Solid<'_>]) -> f64 {
+        let mut passing = 1.0;
+        for caster in casters {
+            passing *= 1.0 - caster.shade(point, &self.light.place, self.light.radius);
+            if passing < 1e-3 {
+                return 0.0;
+            }
+        }
+        passing
+    }
+
+    fn fragment(&self, lit: &Lit<'_>, ray: &Ray) -> Fragment {
+        let mut sum = NOTHING;
+        let mut widest = 0.0;
+        lit.solid.patches(ray, self.textures, |patch: Patch| {
+            if patch.covered <= 0.0 {
+                return;
+            }
+            let point = ray.direction * patch.depth;
+            let (ambient, mut direct) = self.falling(&point, &patch.normal);
+            if direct > 0.0 && !lit.shaded_by.is_empty() {
+                direct *= self.passing(&point, &lit.shaded_by);
+            }
+            sum.covered += patch.covered;
+            sum.ambient += patch.tone * ambient;
+            sum.direct += patch.tone * direct;
+            if patch.covered > widest {
+                widest = patch.covered;
+                sum.depth = patch.depth;
+            }
+        });
+        sum.covered = sum.covered.min(1.0);
+        sum
+    }
+
+    /// Floor, walls and ceiling in a pixel.
+    fn backdrop(&self, ray: &Ray) -> Fragment {
+        let nearest = self.room.iter().filter_map(|face| Some((face.distance(&ray.direction)?, face)));
+        let Some((_, face)) = nearest.min_by(|a, b| a.0.total_cmp(&b.0)) else {
+            return Fragment { depth: 1e6, covered: 1.0, ambient: 0.35 * AMBIENT, direct: 0.0 };
+        };
+        match face.plane_patch(ray, self.textures) {
+            Some(patch) => {
+                let (ambient, direct) = self.falling(&(ray.direction * patch.depth), &patch.normal);
+                Fragment {
+                    depth: patch.depth,
+                    covered: 1.0,
+                    ambient: patch.tone * ambient,
+                    direct: patch.tone * direct,
+                }
+            }
+            None => Fragment { depth: 1e6, covered: 1.0, ambient: 0.2 * AMBIENT, direct: 0.0 },
+        }
+    }
+
+    /// What still things look like.
+    #[must_use]
+    pub fn still(&self, bodies: &[Solid<'_>]) -> Layer {
+        let count = self.rays.size[0] * self.rays.size[1];
+        let mut layer = Layer { ambient: vec![0.0; count], direct: vec![0.0; count], depth: vec![0.0; count] };
+        let casters: Vec<&Solid<'_>> = bodies.iter().collect();
+        let lit = self.lit(bodies, &casters);
+        let mut stack = Stack { fragments: [NOTHING; MOST_LAYERS], count: 0 };
+        let mut near = Vec::new();
+        for tile in self.tiles() {
+            near.clear();
+            near.extend(lit.iter().filter(|lit| lit.solid.near_cone(&tile.axis, tile.tangent)));
+            for row in tile.rows.clone() {
+                for column in tile.columns.clone() {
+                    let Some(ray) = self.rays.ray(column, row) else { continue };
+                    stack.count = 0;
+                    for lit in &near {
+                        let fragment = self.fragment(lit, &ray);
+                        if fragment.covered > 0.0 {
+                            stack.insert(fragment);
+                        }
+                    }
+                    let (mut through, mut ambient, mut direct, mut depth) = (1.0, 0.0, 0.0, f64::INFINITY);
+                    for fragment in &stack.fragments[..stack.count] {
+                        ambient += through * fragment.ambient;
+                        direct += through * fragment.direct;
+                        through *= 1.0 - fragment.covered;
+                        if depth.is_infinite() && through < 0.5 {
+                            depth = fragment.depth;
+                        }
+                        if through < 1e-6 {
+                            break;
+                        }
+                    }
+                    if through >= 1e-6 {
+                        let behind = self.backdrop(&ray);
+                        ambient += through * behind.ambient;
+                        direct += through * behind.direct;
+                        depth = depth.min(behind.depth);
+                    }
+                    let index = row * self.rays.size[0] + column;
+                    layer.ambient[index] = ambient as f32;
+                    layer.direct[index] = direct as f32;
+                    layer.depth[index] = depth as f32;
+                }
+            }
+            if self.shadows {
+                self.shade_room(&mut layer, &tile, &casters);
+            }
+        }
+        layer
+    }
+
+    /// Lays shadows of still bodies over what is not a body itself, which has been shaded already: floor and walls.
+    fn shade_room(&self, layer: &mut Layer, tile: &Tile, casters: &[&Solid<'_>]) {
+        let Some((middle, radius)) = self.extent(layer, tile) else { return };
+        let shading: Vec<&Solid<'_>> = casters
+            .iter()
+            .copied()
+            .filter(|c| c.near_shaft(&middle, radius, &self.light.place, self.light.radius))
+            .collect();
+        if shading.is_empty() {
+            return;
+        }
+        for (column, row) in tile.rows.clone().flat_map(|r| tile.columns.clone().map(move |c| (c, r))) {
+            let index = row * self.rays.size[0] + column;
+            let Some(ray) = self.rays.ray(column, row) else { continue };
+            let behind = self.backdrop_distance(&ray);
+            let is_room = f64::from(layer.depth[index]) >= behind - 1e-4 * behind;
+            if is_room && layer.direct[index] > 0.0 {
+                layer.direct[index] *= self.passing(&(ray.direction * behind), &shading) as f32;
+            }
+        }
+    }
+
+    fn backdrop_distance(&self, ray: &Ray) -> f64 {
+        self.room.iter().filter_map(|face| face.distance(&ray.direction)).fold(1e6, f64::min)
+    }
+
+    /// A ball around all that a tile shows.
+    fn extent(&self, layer: &Layer, tile: &Tile) -> Option<(Vector3<f64>, f64)> {
+        let (mut low, mut high) = (f64::INFINITY, 0.0f64);
+        for row in tile.rows.clone() {
+            let start = row * self.rays.size[0];
+            for depth in &layer.depth[start + tile.columns.start..start + tile.columns.end] {
+                let depth = f64::from(*depth);
+                if depth > 0.0 && depth < 1e5 {
+                    (low, high) = (low.min(depth), high.max(depth));
+                }
+            }
+        }
+        (high > 0.0).then(|| (tile.axis * (0.5 * (low + high)), 0.5 * (high - low) + high * tile.tangent))
+    }
+
+    /// The light that reaches the lens: still things, moving bodies before them and their shadows. Row by row; 1 is white paper in full light.
+    #[must_use]
+    pub fn compose(&self, layer: &Layer, still: &[Solid<'_>], moving: &[Solid<'_>]) -> Vec<f32> {
+        let mut light: Vec<f32> = layer.ambient.iter().zip(&layer.direct).map(|(a, d)| a + d).collect();
+        let casters: Vec<&Solid<'_>> = still.iter().chain(moving).collect();
+        let lit = self.lit(moving, &casters);
+        let mut stack = Stack { fragments: [NOTHING; MOST_LAYERS], count: 0 };
+        let (mut near, mut shading) = (Vec::new(), Vec::new());
+        for tile in self.tiles() {
+            near.clear();
+            near.extend(lit.iter().filter(|lit| lit.solid.near_cone(&tile.axis, tile.tangent)));
+            shading.clear();
+            if self.shadows
+                && let Some((middle, radius)) = self.extent(layer, &tile)
+            {
+                let reaches = |s: &&Solid<'_>| s.near_shaft(&middle, radius, &self.light.place, self.light.radius);
+                shading.extend(moving.iter().filter(reaches));
+            }
+            if near.is_empty() && shading.is_empty() {
+                continue;
+            }
+            for row in tile.rows.clone() {
+                for column in tile.columns.clone() {
+                    let index = row * self.rays.size[0] + column;
+                    let Some(ray) = self.rays.ray(column, row) else { continue };
+                    let behind = f64::from(layer.depth[index]);
+                    stack.count = 0;
+                    for lit in &near {
+                        let fragment = self.fragment(lit, &ray);
+                        if fragment.covered > 0.0 && fragment.depth < behind + SLACK {
+                            stack.insert(fragment);
+                        }
+                    }
+                    let (mut through, mut sum) = (1.0, 0.0);
+                    for fragment in &stack.fragments[..stack.count] {
+                        sum += through * (fragment.ambient + fragment.direct);
+                        through *= 1.0 - fragment.covered;
+                        if through < 1e-6 {
+                            break;
+                        }
+                    }
+                    if through >= 1e-6 {
+                        let mut direct = f64::from(layer.direct[index]);
+                        if direct > 0.0 && !shading.is_empty() {
+                            direct *= self.passing(&(ray.direction * behind), &shading);
+                        }
+                        sum += through * (f64::from(layer.ambient[index]) + direct);
+                    }
+                    light[index] = sum as f32;
+                }
+            }
+        }
+        light
+    }
+}
