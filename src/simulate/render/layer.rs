@@ -14,8 +14,8 @@ const TILE: usize = 16;
 /// Most bodies whose surfaces are told apart in one pixel.
 const MOST_LAYERS: usize = 24;
 /// Light from all around, and from the lamp, that a white surface facing it returns.
-const AMBIENT: f64 = 0.40;
-const DIRECT: f64 = 0.66;
+const AMBIENT: f64 = 0.48;
+const DIRECT: f64 = 0.60;
 /// How far behind a still surface (m) a moving one may lie and still be drawn: no more than rounding.
 const SLACK: f64 = 1e-4;
 
@@ -101,6 +101,21 @@ struct Lit<'a> {
     shaded_by: Vec<&'a Solid<'a>>,
 }
 
+impl Tile {
+    /// Column and row of sixteen pixels spread over the tile.
+    fn lattice(&self, index: usize) -> [usize; 2] {
+        let place = |range: &std::ops::Range<usize>, i: usize| range.start + i * (range.len() - 1) / 3;
+        [place(&self.columns, index % 4), place(&self.rows, index / 4)]
+    }
+}
+
+/// A ball around the surface on which a lattice of points lies.
+fn ball(points: &[Vector3<f64>; 16]) -> (Vector3<f64>, f64) {
+    let middle = points.iter().sum::<Vector3<f64>>() / 16.0;
+    let radius = points.iter().map(|point| (point - middle).norm()).fold(0.0, f64::max);
+    (middle, 1.1 * radius + 0.002)
+}
+
 impl View<'_> {
     /// The tiles of the picture that the lens shows anything in.
     fn tiles(&self) -> impl Iterator<Item = Tile> + '_ {
@@ -149,14 +164,68 @@ impl View<'_> {
 
     /// The part of the lamp's light that reaches a point past some bodies.
     fn passing(&self, point: &Vector3<f64>, casters: &[&Solid<'_>]) -> f64 {
+        let to_light = self.light.place - point;
+        let distance = to_light.norm();
+        let direction = to_light / distance;
         let mut passing = 1.0;
         for caster in casters {
-            passing *= 1.0 - caster.shade(point, &self.light.place, self.light.radius);
+            passing *= 1.0 - caster.shade(point, &direction, distance, self.light.radius);
             if passing < 1e-3 {
                 return 0.0;
             }
         }
         passing
+    }
+
+    /// The bodies a tile's rays can meet, each with those that may shade the part of it that the tile shows.
+    fn pick<'b>(&self, lit: &[Lit<'b>], tile: &Tile) -> Vec<Lit<'b>> {
+        let corner = |column: usize, row: usize| self.rays.direction(column, row);
+        let (left, right) = (tile.columns.start, tile.columns.end - 1);
+        let (top, bottom) = (tile.rows.start, tile.rows.end - 1);
+        let corners = match (corner(left, top), corner(right, top), corner(right, bottom), corner(left, bottom)) {
+            (Some(a), Some(b), Some(c), Some(d)) if left < right && top < bottom => Some([a, b, c, d]),
+            _ => None,
+        };
+        let near = lit.iter().filter(|lit| {
+            lit.solid.near_cone(&tile.axis, tile.tangent) && !corners.is_some_and(|corners| lit.solid.misses(&corners))
+        });
+        near.map(|lit| {
+            let mut shaded_by = lit.shaded_by.clone();
+            if !shaded_by.is_empty()
+                && let Some(points) = self.shown(lit.solid, tile)
+            {
+                let (middle, radius) = ball(&points);
+                shaded_by.retain(|c| c.near_shaft(&middle, radius, &self.light.place, self.light.radius));
+                self.darken(&points, &mut shaded_by);
+            }
+            Lit { solid: lit.solid, shaded_by }
+        })
+        .collect()
+    }
+
+    /// Points on a lattice over a tile that a body fills; `None` if it does not.
+    fn shown(&self, solid: &Solid<'_>, tile: &Tile) -> Option<[Vector3<f64>; 16]> {
+        let mut points = [Vector3::zeros(); 16];
+        for (index, point) in points.iter_mut().enumerate() {
+            let ray = self.rays.ray(tile.lattice(index)[0], tile.lattice(index)[1])?;
+            let mut full = false;
+            solid.patches(&ray, self.textures, |patch| {
+                full |= patch.covered == 1.0;
+                *point = ray.direction * patch.depth;
+            });
+            if !full {
+                return None;
+            }
+        }
+        Some(points)
+    }
+
+    /// If one body takes all the light from a whole lattice of points, none of the others matters: bodies are convex, and so are their shadows.
+    fn darken<'b>(&self, points: &[Vector3<f64>; 16], casters: &mut Vec<&'b Solid<'b>>) {
+        let dark = casters.iter().position(|caster| points.iter().all(|point| self.passing(point, &[caster]) == 0.0));
+        if let Some(dark) = dark {
+            *casters = vec![casters[dark]];
+        }
     }
 
     fn fragment(&self, lit: &Lit<'_>, ray: &Ray) -> Fragment {
@@ -211,10 +280,8 @@ impl View<'_> {
         let casters: Vec<&Solid<'_>> = bodies.iter().collect();
         let lit = self.lit(bodies, &casters);
         let mut stack = Stack { fragments: [NOTHING; MOST_LAYERS], count: 0 };
-        let mut near = Vec::new();
         for tile in self.tiles() {
-            near.clear();
-            near.extend(lit.iter().filter(|lit| lit.solid.near_cone(&tile.axis, tile.tangent)));
+            let near = self.pick(&lit, &tile);
             for row in tile.rows.clone() {
                 for column in tile.columns.clone() {
                     let Some(ray) = self.rays.ray(column, row) else { continue };
@@ -304,10 +371,9 @@ impl View<'_> {
         let casters: Vec<&Solid<'_>> = still.iter().chain(moving).collect();
         let lit = self.lit(moving, &casters);
         let mut stack = Stack { fragments: [NOTHING; MOST_LAYERS], count: 0 };
-        let (mut near, mut shading) = (Vec::new(), Vec::new());
+        let mut shading = Vec::new();
         for tile in self.tiles() {
-            near.clear();
-            near.extend(lit.iter().filter(|lit| lit.solid.near_cone(&tile.axis, tile.tangent)));
+            let near = self.pick(&lit, &tile);
             shading.clear();
             if self.shadows
                 && let Some((middle, radius)) = self.extent(layer, &tile)
