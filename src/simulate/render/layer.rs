@@ -11,11 +11,13 @@ use super::texture::Textures;
 
 /// Edge of a tile, px.
 const TILE: usize = 16;
+/// Edge of a block within which light is first looked at in the corners only, px.
+const BLOCK: usize = 4;
 /// Most bodies whose surfaces are told apart in one pixel.
 const MOST_LAYERS: usize = 24;
 /// Light from all around, and from the lamp, that a white surface facing it returns.
-const AMBIENT: f64 = 0.40;
-const DIRECT: f64 = 0.66;
+const AMBIENT: f64 = 0.48;
+const DIRECT: f64 = 0.60;
 /// How far behind a still surface (m) a moving one may lie and still be drawn: no more than rounding.
 const SLACK: f64 = 1e-4;
 
@@ -101,6 +103,26 @@ struct Lit<'a> {
     shaded_by: Vec<&'a Solid<'a>>,
 }
 
+impl Tile {
+    /// Row and column of every pixel, row by row.
+    fn pixels(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
+        self.rows.clone().flat_map(|row| self.columns.clone().map(move |column| (row, column)))
+    }
+
+    /// Column and row of sixteen pixels spread over the tile.
+    fn lattice(&self, index: usize) -> [usize; 2] {
+        let place = |range: &std::ops::Range<usize>, i: usize| range.start + i * (range.len() - 1) / 3;
+        [place(&self.columns, index % 4), place(&self.rows, index / 4)]
+    }
+}
+
+/// A ball around the surface on which a lattice of points lies.
+fn ball(points: &[Vector3<f64>; 16]) -> (Vector3<f64>, f64) {
+    let middle = points.iter().sum::<Vector3<f64>>() / 16.0;
+    let radius = points.iter().map(|point| (point - middle).norm()).fold(0.0, f64::max);
+    (middle, 1.1 * radius + 0.002)
+}
+
 impl View<'_> {
     /// The tiles of the picture that the lens shows anything in.
     fn tiles(&self) -> impl Iterator<Item = Tile> + '_ {
@@ -149,14 +171,68 @@ impl View<'_> {
 
     /// The part of the lamp's light that reaches a point past some bodies.
     fn passing(&self, point: &Vector3<f64>, casters: &[&Solid<'_>]) -> f64 {
+        let to_light = self.light.place - point;
+        let distance = to_light.norm();
+        let direction = to_light / distance;
         let mut passing = 1.0;
         for caster in casters {
-            passing *= 1.0 - caster.shade(point, &self.light.place, self.light.radius);
+            passing *= 1.0 - caster.shade(point, &direction, distance, self.light.radius);
             if passing < 1e-3 {
                 return 0.0;
             }
         }
         passing
+    }
+
+    /// The bodies a tile's rays can meet, each with those that may shade the part of it that the tile shows.
+    fn pick<'b>(&self, lit: &[Lit<'b>], tile: &Tile) -> Vec<Lit<'b>> {
+        let corner = |column: usize, row: usize| self.rays.direction(column, row);
+        let (left, right) = (tile.columns.start, tile.columns.end - 1);
+        let (top, bottom) = (tile.rows.start, tile.rows.end - 1);
+        let corners = match (corner(left, top), corner(right, top), corner(right, bottom), corner(left, bottom)) {
+            (Some(a), Some(b), Some(c), Some(d)) if left < right && top < bottom => Some([a, b, c, d]),
+            _ => None,
+        };
+        let near = lit.iter().filter(|lit| {
+            lit.solid.near_cone(&tile.axis, tile.tangent) && !corners.is_some_and(|corners| lit.solid.misses(&corners))
+        });
+        near.map(|lit| {
+            let mut shaded_by = lit.shaded_by.clone();
+            if !shaded_by.is_empty()
+                && let Some(points) = self.shown(lit.solid, tile)
+            {
+                let (middle, radius) = ball(&points);
+                shaded_by.retain(|c| c.near_shaft(&middle, radius, &self.light.place, self.light.radius));
+                self.darken(&points, &mut shaded_by);
+            }
+            Lit { solid: lit.solid, shaded_by }
+        })
+        .collect()
+    }
+
+    /// Points on a lattice over a tile that a body fills; `None` if it does not.
+    fn shown(&self, solid: &Solid<'_>, tile: &Tile) -> Option<[Vector3<f64>; 16]> {
+        let mut points = [Vector3::zeros(); 16];
+        for (index, point) in points.iter_mut().enumerate() {
+            let ray = self.rays.ray(tile.lattice(index)[0], tile.lattice(index)[1])?;
+            let mut full = false;
+            solid.patches(&ray, self.textures, |patch| {
+                full |= patch.covered == 1.0;
+                *point = ray.direction * patch.depth;
+            });
+            if !full {
+                return None;
+            }
+        }
+        Some(points)
+    }
+
+    /// If one body takes all the light from a whole lattice of points, none of the others matters: bodies are convex, and so are their shadows.
+    fn darken<'b>(&self, points: &[Vector3<f64>; 16], casters: &mut Vec<&'b Solid<'b>>) {
+        let dark = casters.iter().position(|caster| points.iter().all(|point| self.passing(point, &[caster]) == 0.0));
+        if let Some(dark) = dark {
+            *casters = vec![casters[dark]];
+        }
     }
 
     fn fragment(&self, lit: &Lit<'_>, ray: &Ray) -> Fragment {
@@ -183,9 +259,24 @@ impl View<'_> {
         sum
     }
 
+    /// The planes of the room that a tile shows.
+    fn walls(&self, tile: &Tile) -> &[Face<'_>] {
+        let hit = |index: usize| {
+            let [column, row] = tile.lattice(index);
+            let direction = self.rays.direction(column, row)?;
+            let distances = self.room.iter().enumerate().filter_map(|(i, f)| Some((f.distance(&direction)?, i)));
+            distances.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, i)| i)
+        };
+        // The room is convex: what all corners show fills the tile.
+        match hit(0) {
+            Some(face) if [3, 12, 15].iter().all(|corner| hit(*corner) == Some(face)) => &self.room[face..=face],
+            _ => self.room,
+        }
+    }
+
     /// Floor, walls and ceiling in a pixel.
-    fn backdrop(&self, ray: &Ray) -> Fragment {
-        let nearest = self.room.iter().filter_map(|face| Some((face.distance(&ray.direction)?, face)));
+    fn backdrop(&self, room: &[Face<'_>], ray: &Ray) -> Fragment {
+        let nearest = room.iter().filter_map(|face| Some((face.distance(&ray.direction)?, face)));
         let Some((_, face)) = nearest.min_by(|a, b| a.0.total_cmp(&b.0)) else {
             return Fragment { depth: 1e6, covered: 1.0, ambient: 0.35 * AMBIENT, direct: 0.0 };
         };
@@ -211,10 +302,12 @@ impl View<'_> {
         let casters: Vec<&Solid<'_>> = bodies.iter().collect();
         let lit = self.lit(bodies, &casters);
         let mut stack = Stack { fragments: [NOTHING; MOST_LAYERS], count: 0 };
-        let mut near = Vec::new();
         for tile in self.tiles() {
-            near.clear();
-            near.extend(lit.iter().filter(|lit| lit.solid.near_cone(&tile.axis, tile.tangent)));
+            let mut near = self.pick(&lit, &tile);
+            let room = self.walls(&tile);
+            // Most tiles show one body and nothing else; its shadows can wait until all of them is known.
+            let fills = near.len() == 1 && self.shown(near[0].solid, &tile).is_some();
+            let deferred = if fills { std::mem::take(&mut near[0].shaded_by) } else { Vec::new() };
             for row in tile.rows.clone() {
                 for column in tile.columns.clone() {
                     let Some(ray) = self.rays.ray(column, row) else { continue };
@@ -238,7 +331,7 @@ impl View<'_> {
                         }
                     }
                     if through >= 1e-6 {
-                        let behind = self.backdrop(&ray);
+                        let behind = self.backdrop(room, &ray);
                         ambient += through * behind.ambient;
                         direct += through * behind.direct;
                         depth = depth.min(behind.depth);
@@ -250,36 +343,64 @@ impl View<'_> {
                 }
             }
             if self.shadows {
-                self.shade_room(&mut layer, &tile, &casters);
+                if fills {
+                    self.lay_shadows(&mut layer, &tile, &deferred, None);
+                } else {
+                    self.lay_shadows(&mut layer, &tile, &casters, Some(room));
+                }
             }
         }
         layer
     }
 
-    /// Lays shadows of still bodies over what is not a body itself, which has been shaded already: floor and walls.
-    fn shade_room(&self, layer: &mut Layer, tile: &Tile, casters: &[&Solid<'_>]) {
+    /// Lays shadows of still bodies over a tile whose surfaces are not shaded yet: floor and walls, or one body that fills it.
+    fn lay_shadows(&self, layer: &mut Layer, tile: &Tile, casters: &[&Solid<'_>], only_room: Option<&[Face<'_>]>) {
         let Some((middle, radius)) = self.extent(layer, tile) else { return };
-        let shading: Vec<&Solid<'_>> = casters
-            .iter()
-            .copied()
-            .filter(|c| c.near_shaft(&middle, radius, &self.light.place, self.light.radius))
-            .collect();
+        let reaches = |c: &&&Solid<'_>| c.near_shaft(&middle, radius, &self.light.place, self.light.radius);
+        let shading: Vec<&Solid<'_>> = casters.iter().filter(reaches).copied().collect();
         if shading.is_empty() {
             return;
         }
-        for (column, row) in tile.rows.clone().flat_map(|r| tile.columns.clone().map(move |c| (c, r))) {
+        let passing = self.passing_tile(layer, tile, &shading);
+        for (place, (row, column)) in tile.pixels().enumerate() {
             let index = row * self.rays.size[0] + column;
-            let Some(ray) = self.rays.ray(column, row) else { continue };
-            let behind = self.backdrop_distance(&ray);
-            let is_room = f64::from(layer.depth[index]) >= behind - 1e-4 * behind;
-            if is_room && layer.direct[index] > 0.0 {
-                layer.direct[index] *= self.passing(&(ray.direction * behind), &shading) as f32;
+            if let Some(room) = only_room {
+                let Some(direction) = self.rays.direction(column, row) else { continue };
+                let behind = room.iter().filter_map(|face| face.distance(&direction)).fold(1e6, f64::min);
+                // A body here has been shaded as such.
+                if f64::from(layer.depth[index]) < behind * (1.0 - 1e-4) {
+                    continue;
+                }
             }
+            layer.direct[index] *= passing[place];
         }
     }
 
-    fn backdrop_distance(&self, ray: &Ray) -> f64 {
-        self.room.iter().filter_map(|face| face.distance(&ray.direction)).fold(1e6, f64::min)
+    /// The part of the lamp's light that reaches each pixel of a tile's still surfaces. Shadows are soft, so a block of pixels whose corners are all
+    /// lit alike is lit alike.
+    fn passing_tile(&self, layer: &Layer, tile: &Tile, casters: &[&Solid<'_>]) -> [f32; TILE * TILE] {
+        let (width, wide) = (self.rays.size[0], tile.columns.len());
+        let mut passing = [f32::NAN; TILE * TILE];
+        let one = |column: usize, row: usize| {
+            let depth = layer.depth[row * width + column];
+            let direction = self.rays.direction(column, row).unwrap_or_else(Vector3::z);
+            (self.passing(&(direction * f64::from(depth)), casters) as f32, depth)
+        };
+        for top in tile.rows.clone().step_by(BLOCK) {
+            for left in tile.columns.clone().step_by(BLOCK) {
+                let (bottom, right) = ((top + BLOCK).min(tile.rows.end), (left + BLOCK).min(tile.columns.end));
+                let corners = [one(left, top), one(right - 1, top), one(left, bottom - 1), one(right - 1, bottom - 1)];
+                let (first, depth) = corners[0];
+                let alike = corners.iter().all(|c| (c.0 - first).abs() < 2e-3 && (c.1 - depth).abs() < 0.05 * depth);
+                for row in top..bottom {
+                    for column in left..right {
+                        let place = (row - tile.rows.start) * wide + column - tile.columns.start;
+                        passing[place] = if alike { first } else { one(column, row).0 };
+                    }
+                }
+            }
+        }
+        passing
     }
 
     /// A ball around all that a tile shows.
@@ -304,10 +425,9 @@ impl View<'_> {
         let casters: Vec<&Solid<'_>> = still.iter().chain(moving).collect();
         let lit = self.lit(moving, &casters);
         let mut stack = Stack { fragments: [NOTHING; MOST_LAYERS], count: 0 };
-        let (mut near, mut shading) = (Vec::new(), Vec::new());
+        let mut shading = Vec::new();
         for tile in self.tiles() {
-            near.clear();
-            near.extend(lit.iter().filter(|lit| lit.solid.near_cone(&tile.axis, tile.tangent)));
+            let near = self.pick(&lit, &tile);
             shading.clear();
             if self.shadows
                 && let Some((middle, radius)) = self.extent(layer, &tile)
@@ -318,6 +438,8 @@ impl View<'_> {
             if near.is_empty() && shading.is_empty() {
                 continue;
             }
+            let passing =
+                if shading.is_empty() { [1.0; TILE * TILE] } else { self.passing_tile(layer, &tile, &shading) };
             for row in tile.rows.clone() {
                 for column in tile.columns.clone() {
                     let index = row * self.rays.size[0] + column;
@@ -339,10 +461,8 @@ impl View<'_> {
                         }
                     }
                     if through >= 1e-6 {
-                        let mut direct = f64::from(layer.direct[index]);
-                        if direct > 0.0 && !shading.is_empty() {
-                            direct *= self.passing(&(ray.direction * behind), &shading);
-                        }
+                        let place = (row - tile.rows.start) * tile.columns.len() + column - tile.columns.start;
+                        let direct = f64::from(layer.direct[index] * passing[place]);
                         sum += through * (f64::from(layer.ambient[index]) + direct);
                     }
                     light[index] = sum as f32;

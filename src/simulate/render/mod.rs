@@ -161,12 +161,12 @@ impl Scene {
         };
         let (x, y, z) = (Vector3::x(), Vector3::y(), Vector3::z());
         vec![
-            plane(x, y, z * floor, 0.34, Finish::Floor),
+            plane(x, y, z * floor, 0.42, Finish::Floor),
             plane(y, x, z * ceiling, 0.6, Finish::Wall),
-            plane(y, z, x * -room, 0.42, Finish::Wall),
-            plane(-y, z, x * room, 0.38, Finish::Wall),
-            plane(-x, z, y * -room, 0.45, Finish::Wall),
-            plane(x, z, y * room, 0.36, Finish::Wall),
+            plane(y, z, x * -room, 0.55, Finish::Wall),
+            plane(-y, z, x * room, 0.5, Finish::Wall),
+            plane(-x, z, y * -room, 0.58, Finish::Wall),
+            plane(x, z, y * room, 0.46, Finish::Wall),
         ]
     }
 }

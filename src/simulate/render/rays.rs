@@ -16,6 +16,8 @@ pub struct Ray {
     pub right: Vector3<f64>,
     /// Change per pixel down.
     pub down: Vector3<f64>,
+    /// A bound on how far the directions within the pixel are from its middle's.
+    pub width: f64,
 }
 
 /// The rays of all pixels, with a rim of one pixel for differences.
@@ -70,6 +72,7 @@ impl RayTable {
         };
         let right = slope(self.at(c - 1, r), self.at(c + 1, r));
         let down = slope(self.at(c, r - 1), self.at(c, r + 1));
-        Some(Ray { direction, right, down })
+        let width = right.norm() + down.norm();
+        Some(Ray { direction, right, down, width })
     }
 }

@@ -61,6 +61,10 @@ pub struct Face<'a> {
     /// With a ray's direction d: x = (by_x . d) / (normal . d), and so for y.
     by_x: Vector3<f64>,
     by_y: Vector3<f64>,
+    /// Lengths of the two, to bound how wide a pixel is on the face.
+    lengths: [f64; 2],
+    /// Along the normal from the camera to the plane; negative if the camera is before the face.
+    depth: f64,
     tone: f32,
     finish: Finish,
 }
@@ -116,20 +120,11 @@ impl<'a> Solid<'a> {
                 let turn = camera_from_box.rotation_matrix();
                 let face = |index: usize| {
                     let local = face_axes(index);
-                    let axes = local.map(|axis| turn * axis);
                     let [hx, hy, hz] = local.map(|axis| axis.component_mul(half).abs().sum());
+                    let axes = local.map(|axis| turn * axis);
                     let origin = camera_from_box.translation + axes[2] * hz;
-                    let depth = axes[2].dot(&origin);
-                    Face {
-                        printed: faces[index].as_ref(),
-                        half: [hx, hy],
-                        origin,
-                        by_x: axes[0] * depth - axes[2] * axes[0].dot(&origin),
-                        by_y: axes[1] * depth - axes[2] * axes[1].dot(&origin),
-                        axes,
-                        tone: *tone,
-                        finish: if index == 4 { *finish } else { Finish::Plain },
-                    }
+                    let finish = if index == 4 { *finish } else { Finish::Plain };
+                    Face::new(faces[index].as_ref(), [hx, hy], origin, axes, *tone, finish)
                 };
                 let faces = (0..6).map(face).collect();
                 let middle = camera_from_box.translation;
@@ -175,6 +170,15 @@ impl<'a> Solid<'a> {
         }
     }
 
+    /// Whether none of the rays between four at the corners of a small part of the picture meets the body; may say no too often.
+    #[must_use]
+    pub fn misses(&self, corners: &[Vector3<f64>; 4]) -> bool {
+        match &self.body {
+            Body::Block(faces) => faces.iter().all(|face| face.misses(corners)),
+            Body::Capsule(..) => false,
+        }
+    }
+
     /// Whether the body may stand in the light of anything within a ball, given how wide the light is.
     #[must_use]
     pub fn near_shaft(&self, middle: &Vector3<f64>, radius: f64, light: &Vector3<f64>, light_radius: f64) -> bool {
@@ -191,7 +195,7 @@ impl<'a> Solid<'a> {
     pub fn patches(&self, ray: &Ray, textures: &Textures, mut found: impl FnMut(Patch)) {
         match &self.body {
             Body::Block(faces) => {
-                for face in faces {
+                for face in faces.iter().filter(|face| face.depth < 0.0) {
                     if let Some(mut patch) = face.patch(ray, textures) {
                         let middle = self.middle.dot(&ray.direction);
                         patch.depth = patch.depth.clamp((middle - self.radius).max(1e-6), middle + self.radius);
@@ -207,17 +211,14 @@ impl<'a> Solid<'a> {
         }
     }
 
-    /// How much of a light the body takes from a point: 0 none, 1 all. The light's width makes the shadow's edge soft.
+    /// How much of a light the body takes from a point, `distance` away in unit `direction`: 0 none, 1 all. The light's width makes the shadow's edge soft.
     #[must_use]
-    pub fn shade(&self, point: &Vector3<f64>, light: &Vector3<f64>, light_radius: f64) -> f64 {
-        let to_light = light - point;
-        let distance = to_light.norm();
-        let direction = to_light / distance;
+    pub fn shade(&self, point: &Vector3<f64>, direction: &Vector3<f64>, distance: f64, light_radius: f64) -> f64 {
         let softness = |along: f64| (light_radius * along / distance).max(0.003);
         match &self.body {
             Body::Capsule(capsule, ..) => {
                 let moved = PlacedCapsule { ends: capsule.ends.map(|end| end - point), radius: capsule.radius };
-                let (apart, _, along) = ray_to_segment(&direction, &moved);
+                let (apart, _, along) = ray_to_segment(direction, &moved);
                 if along <= 0.0 || along >= distance {
                     return 0.0;
                 }
@@ -227,7 +228,7 @@ impl<'a> Solid<'a> {
             Body::Block(faces) => {
                 let mut taken = 0.0;
                 for face in faces {
-                    let slope = face.axes[2].dot(&direction);
+                    let slope = face.axes[2].dot(direction);
                     let along = face.axes[2].dot(&(face.origin - point)) / slope;
                     // The faces towards the light; together they are the body's outline as the light sees it.
                     if slope > 1e-6 && along > 1e-6 && along < distance {
@@ -251,21 +252,27 @@ fn smooth(t: f64) -> f64 {
 }
 
 impl Face<'_> {
-    /// Where a ray meets the face's plane, if from the front.
+    /// Where a ray meets the face's plane, if from the front and not surely beside the face.
+    #[inline]
     fn footprint(&self, ray: &Ray) -> Option<(Footprint, f64)> {
-        let normal = &self.axes[2];
-        let depth = normal.dot(&self.origin);
-        let slope = normal.dot(&ray.direction);
-        if depth >= 0.0 || slope >= 0.0 {
+        if self.depth >= 0.0 {
             return None;
         }
-        let (turn_right, turn_down) = (normal.dot(&ray.right), normal.dot(&ray.down));
+        let normal = &self.axes[2];
+        let slope = normal.dot(&ray.direction);
         // Seen edge-on within the pixel: nothing of it is visible.
-        if slope + 0.5 * (turn_right.abs() + turn_down.abs()) >= 0.0 {
+        if slope + ray.width >= 0.0 {
             return None;
         }
         let scale = 1.0 / slope;
         let centre = [self.by_x.dot(&ray.direction) * scale, self.by_y.dot(&ray.direction) * scale];
+        for axis in 0..2 {
+            let beside = centre[axis].abs() - self.half[axis];
+            if beside > 0.0 && beside > (self.lengths[axis] + centre[axis].abs()) * ray.width * -scale {
+                return None;
+            }
+        }
+        let (turn_right, turn_down) = (normal.dot(&ray.right), normal.dot(&ray.down));
         let right = [
             (self.by_x.dot(&ray.right) - centre[0] * turn_right) * scale,
             (self.by_y.dot(&ray.right) - centre[1] * turn_right) * scale,
@@ -274,7 +281,7 @@ impl Face<'_> {
             (self.by_x.dot(&ray.down) - centre[0] * turn_down) * scale,
             (self.by_y.dot(&ray.down) - centre[1] * turn_down) * scale,
         ];
-        Some((Footprint { centre, right, down }, depth * scale))
+        Some((Footprint { centre, right, down }, self.depth * scale))
     }
 
     fn patch(&self, ray: &Ray, textures: &Textures) -> Option<Patch> {
@@ -301,6 +308,7 @@ impl Face<'_> {
 }
 
 /// Between a ray from the origin (unit direction) and a bar's axis: distance, vector from the ray to the axis, and how far along the ray.
+#[inline]
 fn ray_to_segment(direction: &Vector3<f64>, capsule: &PlacedCapsule) -> (f64, Vector3<f64>, f64) {
     let [a, b] = capsule.ends;
     let along = b - a;
@@ -321,7 +329,7 @@ fn capsule_patch(capsule: &PlacedCapsule, tone: f32, lid: f32, ray: &Ray) -> Opt
         return None;
     }
     let outside = apart - capsule.radius;
-    let pixel = depth * (ray.right.norm() + ray.down.norm());
+    let pixel = depth * ray.width;
     if outside > pixel {
         return None;
     }
@@ -380,23 +388,56 @@ fn capsule_depth(capsule: &PlacedCapsule, direction: &Vector3<f64>) -> Option<f6
 }
 
 impl<'a> Face<'a> {
+    fn new(
+        printed: Option<&'a Grid>,
+        half: [f64; 2],
+        origin: Vector3<f64>,
+        axes: [Vector3<f64>; 3],
+        tone: f32,
+        finish: Finish,
+    ) -> Self {
+        let depth = axes[2].dot(&origin);
+        let by_x = axes[0] * depth - axes[2] * axes[0].dot(&origin);
+        let by_y = axes[1] * depth - axes[2] * axes[1].dot(&origin);
+        Face { printed, half, origin, axes, by_x, by_y, lengths: [by_x.norm(), by_y.norm()], depth, tone, finish }
+    }
+
     /// An endless plane through a frame's x and y axes, facing along its z.
     #[must_use]
     pub fn plane(camera_from_plane: &Pose, tone: f32, finish: Finish) -> Self {
         let turn = camera_from_plane.rotation_matrix();
         let axes = [0, 1, 2].map(|i| turn.column(i).into_owned());
-        let origin = camera_from_plane.translation;
-        let depth = axes[2].dot(&origin);
-        let by_x = axes[0] * depth - axes[2] * axes[0].dot(&origin);
-        let by_y = axes[1] * depth - axes[2] * axes[1].dot(&origin);
-        Face { printed: None, half: [f64::INFINITY; 2], origin, axes, by_x, by_y, tone, finish }
+        Self::new(None, [f64::INFINITY; 2], camera_from_plane.translation, axes, tone, finish)
+    }
+
+    /// Whether none of the rays between four at the corners of a small part of the picture meets the face; may say no too often.
+    fn misses(&self, corners: &[Vector3<f64>; 4]) -> bool {
+        if self.depth >= 0.0 {
+            return true;
+        }
+        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        for direction in corners {
+            let slope = self.axes[2].dot(direction);
+            if slope > -1e-6 {
+                return false;
+            }
+            for (axis, by) in [&self.by_x, &self.by_y].into_iter().enumerate() {
+                let at = by.dot(direction) / slope;
+                (low[axis], high[axis]) = (low[axis].min(at), high[axis].max(at));
+            }
+        }
+        // Room for the outer half of the pixels, and for what a lens bends a line within so small a part.
+        (0..2).any(|i| {
+            let room = 0.15 * (high[i] - low[i]);
+            low[i] - room > self.half[i] || high[i] + room < -self.half[i]
+        })
     }
 
     /// How far along a ray the face's plane is met from the front.
     #[must_use]
     pub fn distance(&self, direction: &Vector3<f64>) -> Option<f64> {
-        let (depth, slope) = (self.axes[2].dot(&self.origin), self.axes[2].dot(direction));
-        (depth < 0.0 && slope < -1e-9).then(|| depth / slope)
+        let slope = self.axes[2].dot(direction);
+        (self.depth < 0.0 && slope < -1e-9).then(|| self.depth / slope)
     }
 
     /// The plane in a pixel that it fills.

@@ -201,15 +201,15 @@ impl Ground {
         self.signs(&mut random, &mut shapes);
         let outer = self.room - 0.1;
         let free = |middle: Vector3<f64>, radius: f64| occupied.is_free(&(self.pose * middle), radius);
-        for _ in 0..26 {
+        for _ in 0..34 {
             let (x, y) = (random.random_range(-outer..outer), random.random_range(-outer..outer));
             let turn = Vector3::new(0.0, 0.0, random.random_range(0.0..1.6));
             let half = Vector3::new(
-                random.random_range(0.1..0.35),
-                random.random_range(0.1..0.35),
-                random.random_range(0.1..0.75),
+                random.random_range(0.08..0.28),
+                random.random_range(0.08..0.28),
+                random.random_range(0.1..0.5),
             );
-            let tone = [0.12, 0.3, 0.45, 0.6, 0.75][random.random_range(0..5)];
+            let tone = [0.12, 0.35, 0.5, 0.7, 0.85][random.random_range(0..5)];
             let post = random.random_bool(0.35);
             if x.abs() < self.table[0] + 0.45 && y.abs() < self.table[1] + 0.45 {
                 continue;

@@ -80,9 +80,11 @@ impl Textures {
     /// Noise of mean zero and about unit range, bilinear, repeating.
     fn noise(&self, x: f64, y: f64, texel: f64) -> f32 {
         let (x, y) = (x / texel, y / texel);
-        let (left, top) = (x.floor(), y.floor());
-        let (fx, fy) = ((x - left) as f32, (y - top) as f32);
-        let (c, r) = (left as i64 as usize % NOISE, top as i64 as usize % NOISE);
+        // Without the processor's rounding instructions `floor` is a call, and this is the innermost loop.
+        let below = |v: f64| v as i64 - i64::from(v < (v as i64) as f64);
+        let (left, top) = (below(x), below(y));
+        let (fx, fy) = ((x - left as f64) as f32, (y - top as f64) as f32);
+        let (c, r) = (left as usize % NOISE, top as usize % NOISE);
         let (c1, r1) = ((c + 1) % NOISE, (r + 1) % NOISE);
         let at = |row: usize, column: usize| self.noise[row * NOISE + column];
         let upper = at(r, c) + fx * (at(r, c1) - at(r, c));
