@@ -26,10 +26,8 @@ fn layout(lens: &str, poses: &[(f64, f64, f64, f64, f64, f64)]) -> Layout {
 
 const PINHOLE: &str = "model: pinhole, size: [1280, 720], focal: [1100, 1100], centre: [639.5, 359.5]";
 const BROWN: &str = "model: brown, size: [1280, 720], focal: [1100, 1101], centre: [640.2, 358.9], distortion: [-0.28, 0.11, 0.001, -0.0008, 0]";
-const RATIONAL: &str =
-    "model: rational, size: [1280, 720], focal: [900, 900], centre: [641, 360], distortion: [0.3, 0.1, 0.0004, -0.0002, 0.02, 0.6, 0.2, 0.05]";
-const FISHEYE: &str =
-    "model: fisheye, size: [1280, 720], focal: [500, 500], centre: [640, 360], distortion: [-0.02, 0.004, -0.001, 0.0002]";
+const RATIONAL: &str = "model: rational, size: [1280, 720], focal: [900, 900], centre: [641, 360], distortion: [0.3, 0.1, 0.0004, -0.0002, 0.02, 0.6, 0.2, 0.05]";
+const FISHEYE: &str = "model: fisheye, size: [1280, 720], focal: [500, 500], centre: [640, 360], distortion: [-0.02, 0.004, -0.001, 0.0002]";
 
 /// How far each point of the four border edges lies from where it should, px along the edge's outward normal. In a noise-free picture an edge's place is where the
 /// light lost between a point well outside and one well inside says it is.
@@ -104,7 +102,10 @@ fn check(name: &str, lens: &str, poses: &[(f64, f64, f64, f64, f64, f64)]) {
         let worst = own.iter().fold(0.0f64, |m, e| m.max(e.abs()));
         println!("{name} tag {tag}: {n} points, mean {mean:+.5}, rms {rms:.5}, worst {worst:.5} px");
         assert!(own.len() > 40, "{name}: only {} points", own.len());
-        assert!(mean.abs() < 0.001 && rms < 0.003 && worst < 0.005, "{name} tag {tag}: mean {mean} rms {rms} worst {worst}");
+        assert!(
+            mean.abs() < 0.001 && rms < 0.003 && worst < 0.005,
+            "{name} tag {tag}: mean {mean} rms {rms} worst {worst}"
+        );
     }
 }
 

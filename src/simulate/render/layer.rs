@@ -12,7 +12,7 @@ use super::texture::Textures;
 /// Edge of a tile, px.
 const TILE: usize = 16;
 /// Edge of a block within which light is first looked at in the corners only, px.
-const BLOCK: usize = 4;
+const BLOCK: usize = 8;
 /// Most bodies whose surfaces are told apart in one pixel.
 const MOST_LAYERS: usize = 24;
 /// Light from all around, and from the lamp, that a white surface facing it returns.
@@ -386,17 +386,27 @@ impl View<'_> {
             let direction = self.rays.direction(column, row).unwrap_or_else(Vector3::z);
             (self.passing(&(direction * f64::from(depth)), casters) as f32, depth)
         };
+        // Blocks still to be looked at: first row, first column, edge.
+        let mut blocks: Vec<[usize; 3]> = Vec::with_capacity(8);
         for top in tile.rows.clone().step_by(BLOCK) {
-            for left in tile.columns.clone().step_by(BLOCK) {
-                let (bottom, right) = ((top + BLOCK).min(tile.rows.end), (left + BLOCK).min(tile.columns.end));
-                let corners = [one(left, top), one(right - 1, top), one(left, bottom - 1), one(right - 1, bottom - 1)];
-                let (first, depth) = corners[0];
-                let alike = corners.iter().all(|c| (c.0 - first).abs() < 2e-3 && (c.1 - depth).abs() < 0.05 * depth);
-                for row in top..bottom {
-                    for column in left..right {
-                        let place = (row - tile.rows.start) * wide + column - tile.columns.start;
-                        passing[place] = if alike { first } else { one(column, row).0 };
-                    }
+            blocks.extend(tile.columns.clone().step_by(BLOCK).map(|left| [top, left, BLOCK]));
+        }
+        while let Some([top, left, edge]) = blocks.pop() {
+            let (bottom, right) = ((top + edge).min(tile.rows.end), (left + edge).min(tile.columns.end));
+            let corners = [one(left, top), one(right - 1, top), one(left, bottom - 1), one(right - 1, bottom - 1)];
+            let (first, depth) = corners[0];
+            let alike = corners.iter().all(|c| (c.0 - first).abs() < 2e-3 && (c.1 - depth).abs() < 0.05 * depth);
+            if !alike && edge == BLOCK {
+                let half = BLOCK / 2;
+                let places = [(top, left), (top, left + half), (top + half, left), (top + half, left + half)];
+                let inside = places.into_iter().filter(|(row, column)| *row < bottom && *column < right);
+                blocks.extend(inside.map(|(row, column)| [row, column, half]));
+                continue;
+            }
+            for row in top..bottom {
+                for column in left..right {
+                    let place = (row - tile.rows.start) * wide + column - tile.columns.start;
+                    passing[place] = if alike { first } else { one(column, row).0 };
                 }
             }
         }
