@@ -96,7 +96,10 @@ fn clutter_never_hides_a_target() {
                         }
                     }
                 }
-                assert!(looked > 0 && (camera == 2 || changed > 500), "camera {camera}: {looked} {changed}");
+                assert!(
+                    camera == 2 || (looked > 0 && changed > 100),
+                    "camera {camera}: {looked} corners, {changed} pixels"
+                );
             }
         }
     }

@@ -18,7 +18,7 @@ pub enum Shape {
         /// Half the edges, m.
         half: Vector3<f64>,
         /// One a face; `None`: plain.
-        faces: [Option<Grid>; 6],
+        faces: Box<[Option<Grid>; 6]>,
         /// Reflectance of plain faces.
         tone: f32,
         /// Texture of the +z face; the others are smooth.
@@ -266,11 +266,12 @@ impl Face<'_> {
         }
         let scale = 1.0 / slope;
         let centre = [self.by_x.dot(&ray.direction) * scale, self.by_y.dot(&ray.direction) * scale];
-        for axis in 0..2 {
+        let is_beside = |axis: usize| {
             let beside = centre[axis].abs() - self.half[axis];
-            if beside > 0.0 && beside > (self.lengths[axis] + centre[axis].abs()) * ray.width * -scale {
-                return None;
-            }
+            beside > 0.0 && beside > (self.lengths[axis] + centre[axis].abs()) * ray.width * -scale
+        };
+        if is_beside(0) || is_beside(1) {
+            return None;
         }
         let (turn_right, turn_down) = (normal.dot(&ray.right), normal.dot(&ray.down));
         let right = [

@@ -113,8 +113,10 @@ impl Ground {
         }
         let bottom = low.iter().map(|p| p.dot(&up)).fold(f64::INFINITY, f64::min) - 1e-3;
         // Along the axis of the world that is most level, so that a cell described in its table's axes gets a table in these.
-        let level = Matrix3::identity();
-        let axis = level.column_iter().map(|c| c - up * up.dot(&c)).max_by(|a, b| a.norm().total_cmp(&b.norm()));
+        let axis = [Vector3::x(), Vector3::y(), Vector3::z()]
+            .into_iter()
+            .map(|axis| axis - up * up.dot(&axis))
+            .max_by(|a, b| a.norm().total_cmp(&b.norm()));
         let x = axis.and_then(|axis| axis.try_normalize(1e-6)).unwrap_or_else(Vector3::x);
         let turn = Matrix3::from_columns(&[x, up.cross(&x), up]);
         let flat = |p: &Vector3<f64>| turn.transpose() * p;
@@ -308,7 +310,7 @@ impl Ground {
 /// A box of one reflectance.
 #[must_use]
 pub fn block(pose: Pose, half: Vector3<f64>, tone: f32, finish: Finish) -> Shape {
-    Shape::Block { pose, half, faces: [const { None }; 6], tone, finish }
+    Shape::Block { pose, half, faces: Box::new([const { None }; 6]), tone, finish }
 }
 
 /// A bar of one reflectance.

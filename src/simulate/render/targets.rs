@@ -192,7 +192,7 @@ impl Sheet {
         let pose = self.pose * Pose::from_translation(centre[0], centre[1], -0.5 * THICKNESS);
         let shift = Pose::from_translation(-centre[0], -centre[1], 0.0);
         let prints: Vec<Print> = self.prints.iter().map(|print| print.moved(&shift)).collect();
-        let mut faces = [const { None }; 6];
+        let mut faces = Box::new([const { None }; 6]);
         faces[4] = Some(grid_of(half, PAPER, &prints));
         let half = Vector3::new(half[0], half[1], 0.5 * THICKNESS);
         Shape::Block { pose, half, faces, tone: 0.6, finish: Finish::Plain }
@@ -279,7 +279,7 @@ fn box_of(sheets: &[Sheet]) -> Option<Shape> {
     }
     let half = 0.5 * (to - from);
     let pose = Pose::new(turn, turn * (0.5 * (from + to)));
-    let mut faces = [const { None }; 6];
+    let mut faces = Box::new([const { None }; 6]);
     for sheet in sheets {
         let box_from_sheet = pose.inverse() * sheet.pose;
         let n = box_from_sheet.rotation * Vector3::z();
