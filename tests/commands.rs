@@ -26,7 +26,7 @@ fn the_demo_from_end_to_end() {
     let demo = dir.path().join("cellmap-demo");
     let check = run(&demo, &["check", "layout.yaml"]);
     assert_eq!(check.status.code(), Some(0), "{}", stderr(&check));
-    assert!(stdout(&check).contains("├─ tool_board  (unknown)"), "{}", stdout(&check));
+    assert!(stdout(&check).contains("└─ tool_board  (unknown)"), "{}", stdout(&check));
     assert!(stdout(&check).lines().all(|line| line.chars().count() <= 80), "{}", stdout(&check));
 
     // A second detection gives the same bytes, also when pictures are broken on the way.
@@ -95,7 +95,7 @@ fn detection_picks_up_where_it_stopped() {
     use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
     let dir = folder(&[]);
-    assert_eq!(run(dir.path(), &["demo", "--json"]).status.code(), Some(0));
+    assert_eq!(run(dir.path(), &["demo", "--configurations", "48", "--json"]).status.code(), Some(0));
     let demo = dir.path().join("cellmap-demo");
     let whole = std::fs::read(demo.join("detections.csv")).unwrap();
     std::fs::remove_file(demo.join("detections.csv")).unwrap();

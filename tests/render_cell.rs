@@ -8,7 +8,7 @@ use cellmap::simulate::render::{Exposure, Look, PictureFormat, Scene, encode, li
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-const DEMO: &str = include_str!("../layouts/demo.yaml");
+const ONE_ROBOT: &str = include_str!("../layouts/one_robot.yaml");
 
 fn motion() -> Recording {
     let stops =
@@ -19,7 +19,7 @@ fn motion() -> Recording {
 
 fn small_demo() -> Layout {
     // A quarter of the size, so that the test is quick: all sizes and focal lengths by two.
-    let text = DEMO
+    let text = ONE_ROBOT
         .replace(
             "size: [1280, 720], focal: [1100, 1100], centre: [640.3, 358.9]",
             "size: [640, 360], focal: [550, 550], centre: [320, 180]",

@@ -3,7 +3,7 @@
 //! Nothing here is used to solve; it exists so that every claim about accuracy can be checked, and so that a newcomer has something to run.
 //!
 //! Data flows one way: [`paths`] drives the robots (keeping their [`bodies`] out of each other's way), [`record`] asks the true [`Cell`] where
-//! everything is and makes measurements of it, [`faults`] spoils some of them, and `picture` draws what the cameras saw. [`knowledge`] splits the
+//! everything is and makes measurements of it, [`faults`] spoils some of them, and [`render`] draws what the cameras saw. [`knowledge`] splits the
 //! layout into what is true and what a solver is told.
 
 pub mod bodies;

@@ -37,7 +37,7 @@ pub fn whole_poses(
             }
         }
     }
-    rows.sort_by(|a, b| a.key().cmp(&b.key()));
+    rows.sort_by_key(PoseRow::key);
     rows
 }
 
