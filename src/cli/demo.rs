@@ -23,7 +23,7 @@ pub(super) struct Demo {
 
 impl Demo {
     pub(super) fn run(self) -> Result<ExitCode, InputError> {
-        let detector = super::detect::default_detector(&self.out)?;
+        let detector = super::detect::Finder::default().make(&self.out)?;
         let drawing = progress_bar("rendering");
         let detecting = progress_bar("detecting");
         let move_to = |bar: &indicatif::ProgressBar, done: usize, all: usize| {
