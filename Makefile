@@ -1,26 +1,30 @@
 # What a person types and what CI runs are the same lines.
-# `make demo` and `make test` install what is missing on Debian and Ubuntu (OpenCV and libclang, for the detector) and say so.
+# Everything needs only cargo, except what is called opencv: that is the optional second finder of patterns, and
+# `make setup-opencv` installs its packages on Debian and Ubuntu and says so.
 
 PACKAGES := libopencv-dev libopencv-contrib-dev clang libclang-dev pkg-config
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 
-.PHONY: demo test setup format lint docs bench bench-build clean
+.PHONY: demo test test-opencv setup-opencv format lint lint-opencv docs bench bench-build clean
 
 ## Make a small recording, detect, solve, and compare with the truth.
-demo: setup
+demo:
 	cargo run --release --quiet -- demo
 
 ## All tests. Those on real recordings say "skipped: no recordings" where these are absent.
-test: setup
+test:
 	cargo test --release
 
-setup:
-	@command -v cargo >/dev/null || { echo "cellmap needs Rust 1.89 or newer: install it with rustup, then run make again"; exit 1; }
+## The same with OpenCV as a second finder.
+test-opencv: setup-opencv
+	cargo test --release --features opencv
+
+setup-opencv:
 	@missing=""; for package in $(PACKAGES); do \
 	    dpkg-query -W -f='$${Status}' $$package 2>/dev/null | grep -q "ok installed" || missing="$$missing $$package"; \
 	done; \
 	if [ -n "$$missing" ]; then \
-	    command -v apt-get >/dev/null || { echo "cellmap needs OpenCV 4 with its contrib modules, clang and libclang: install them, then run make again"; exit 1; }; \
+	    command -v apt-get >/dev/null || { echo "this needs OpenCV 4 with its contrib modules, clang and libclang: install them, then run make again"; exit 1; }; \
 	    echo "installing the Debian packages$$missing"; \
 	    $(SUDO) apt-get update -qq && \
 	    DEBIAN_FRONTEND=noninteractive $(SUDO) apt-get install -y -qq --no-install-recommends $$missing >/dev/null || exit 1; \
@@ -29,17 +33,19 @@ setup:
 format:
 	cargo fmt --check
 
-lint: setup
+lint:
 	cargo clippy --release --all-targets -- -D warnings
-	cargo clippy --release --lib --bins --no-default-features -- -D warnings
 
-docs: setup
+lint-opencv: setup-opencv
+	cargo clippy --release --all-targets --features opencv -- -D warnings
+
+docs:
 	RUSTDOCFLAGS="-D warnings" cargo doc --release --no-deps
 
-bench: setup
+bench:
 	cargo bench
 
-bench-build: setup
+bench-build:
 	cargo bench --no-run
 
 clean:

@@ -6,7 +6,6 @@ mod program;
 use program::{contents, folder, json, run, stderr, stdout};
 
 /// The demo, and then every command on its files.
-#[cfg(feature = "opencv")]
 #[test]
 fn the_demo_from_end_to_end() {
     let dir = folder(&[]);
@@ -44,6 +43,13 @@ fn the_demo_from_end_to_end() {
     let failed: Vec<String> = found["failed"].as_array().unwrap().iter().map(|f| f["picture"].to_string()).collect();
     assert_eq!(failed.len(), 2, "{failed:?}");
     assert!(failed[0].contains("camera/001.png") && failed[1].contains("camera/003.png"), "{failed:?}");
+
+    // Without OpenCV in the build, asking for it is an input error that says what to do.
+    if cfg!(not(feature = "opencv")) {
+        let refused = run(&demo, &["detect", "layout.yaml", "--detector", "opencv"]);
+        assert_eq!(refused.status.code(), Some(2));
+        assert!(stderr(&refused).contains("--features opencv"), "{}", stderr(&refused));
+    }
 
     // A dictionary that is not on the targets finds nothing, and says so.
     let text = std::fs::read_to_string(demo.join("layout.yaml")).unwrap();
@@ -87,10 +93,9 @@ fn the_demo_from_end_to_end() {
 }
 
 /// A run that was stopped leaves a journal; the next goes on from there and the result is the same.
-#[cfg(feature = "opencv")]
 #[test]
 fn detection_picks_up_where_it_stopped() {
-    use cellmap::detect::opencv::OpenCvDetector;
+    use cellmap::detect::native::NativeDetector;
     use cellmap::workflow::detect::{Watch, detect};
     use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
@@ -109,7 +114,7 @@ fn detection_picks_up_where_it_stopped() {
             stop.store(true, Ordering::Relaxed);
         }
     };
-    let detector = OpenCvDetector::new().unwrap();
+    let detector = NativeDetector;
     let first = detect(&layout, &detector, &out, &Watch { progress: &progress, stop: &stop }).unwrap();
     assert!(first.interrupted && first.pictures > 0 && first.pictures < 48, "{first:?}");
     assert!(!out.exists(), "nothing half is left");

@@ -22,6 +22,9 @@ pub(super) struct Detect {
     /// Worker threads [default: one a core]
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
+    /// Who finds the patterns
+    #[arg(long, value_enum, default_value_t, value_name = "NAME")]
+    detector: Finder,
 }
 
 /// How many unusable pictures are named one by one.
@@ -32,7 +35,7 @@ impl Detect {
         use_threads(self.threads);
         let layout = self.common.read()?;
         let out = self.out.clone().unwrap_or_else(|| layout.recording.join(DEFAULT_DETECTIONS));
-        let detector = default_detector(&layout.file)?;
+        let detector = self.detector.make(&layout.file)?;
         let bar = progress_bar("detecting");
         let progress = |done: usize, all: usize| {
             bar.set_length(all as u64);
@@ -57,26 +60,37 @@ impl Detect {
     }
 }
 
-/// The detector that comes with this build.
-///
-/// # Errors
-/// When the program was built without one.
-pub(super) fn default_detector(layout: &std::path::Path) -> Result<Box<dyn Detector>, InputError> {
-    #[cfg(feature = "opencv")]
-    {
-        let detector = cellmap::detect::opencv::OpenCvDetector::new().map_err(|error| {
-            cellmap::complaint::Complaint::of(layout, error.to_string(), "check the system's OpenCV")
-        })?;
-        Ok(Box::new(detector))
-    }
-    #[cfg(not(feature = "opencv"))]
-    {
-        Err(cellmap::complaint::Complaint::of(
-            layout,
-            "this build of cellmap has no detector",
-            "build it with `--features opencv`, or give corners in `observations`",
-        )
-        .into())
+/// Who finds the patterns. Corners are measured by cellmap itself in either case.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub(super) enum Finder {
+    /// cellmap's own
+    #[default]
+    Native,
+    /// The system's OpenCV, where cellmap was built with it
+    Opencv,
+}
+
+impl Finder {
+    /// # Errors
+    /// When the program was built without it.
+    pub(super) fn make(self, layout: &std::path::Path) -> Result<Box<dyn Detector>, InputError> {
+        match self {
+            Self::Native => Ok(Box::new(cellmap::detect::native::NativeDetector)),
+            #[cfg(feature = "opencv")]
+            Self::Opencv => {
+                let detector = cellmap::detect::opencv::OpenCvDetector::new().map_err(|error| {
+                    cellmap::complaint::Complaint::of(layout, error.to_string(), "check the system's OpenCV")
+                })?;
+                Ok(Box::new(detector))
+            }
+            #[cfg(not(feature = "opencv"))]
+            Self::Opencv => Err(cellmap::complaint::Complaint::of(
+                layout,
+                "this build of cellmap comes without OpenCV",
+                "use `--detector native`, or build cellmap with `--features opencv`",
+            )
+            .into()),
+        }
     }
 }
 

@@ -12,11 +12,12 @@
 //! Frame and numbering are those of OpenCV from 4.7 on: corner = row * (columns - 1) + column, from the
 //! top-left, whichever way the board was printed.
 
-use super::Lens;
-use super::edge_lines::{Refinement, refine_quad};
+use super::edge_lines::Refinement;
+use super::patterns::FoundTag;
 use super::picture::GreyPicture;
 use super::plane_map::PlaneMap;
 use super::saddle::{RoughCorner, refine_saddle};
+use super::{Dictionary, Lens};
 
 /// A board's measures; `marker` and `square` are edges in any one unit.
 #[derive(Debug, Clone, Copy)]
@@ -29,12 +30,9 @@ pub struct CharucoBoard {
     pub marker: f64,
     /// Id of the first marker.
     pub first_id: u32,
-    /// Cells along a marker's side with its border.
-    pub cells_per_side: usize,
+    /// The markers' dictionary.
+    pub dictionary: Dictionary,
 }
-
-/// A tag's id and rough corners in the picture, top-left first, clockwise as printed.
-pub type FoundTag = (u32, [[f64; 2]; 4]);
 
 /// A board's corner: its number, pixel and covariance `[suu, suv, svv]`.
 pub type BoardCorner = (u32, [f64; 2], [f64; 3]);
@@ -82,7 +80,7 @@ impl CharucoBoard {
     pub fn corners(&self, picture: &GreyPicture, lens: Option<&dyn Lens>, tags: &[FoundTag]) -> Vec<BoardCorner> {
         let refined: Vec<FoundTag> = tags
             .iter()
-            .map(|(id, rough)| (*id, refined_or_rough(picture, lens, *rough, self.cells_per_side)))
+            .map(|tag| FoundTag { corners: refined_or_rough(picture, lens, tag, self.dictionary), ..*tag })
             .collect();
         let new = self.place(&refined, false);
         // With an odd number of rows both ways of printing are one.
@@ -119,9 +117,9 @@ impl CharucoBoard {
         let markers = self.marker_corners(legacy);
         let candidates: Vec<Placed> = tags
             .iter()
-            .filter_map(|(id, corners)| {
-                let marker = id.checked_sub(self.first_id)? as usize;
-                Some(Placed { board: *markers.get(marker)?, picture: *corners })
+            .filter_map(|tag| {
+                let marker = tag.id.checked_sub(self.first_id)? as usize;
+                Some(Placed { board: *markers.get(marker)?, picture: tag.corners })
             })
             .collect();
         // Every tag alone gives a map of the whole board. The one that most others agree with is believed;
@@ -181,12 +179,12 @@ fn carries_marker(column: usize, row: usize, legacy: bool, rows: usize) -> bool 
 fn refined_or_rough(
     picture: &GreyPicture,
     lens: Option<&dyn Lens>,
-    rough: [[f64; 2]; 4],
-    cells_per_side: usize,
+    tag: &FoundTag,
+    dictionary: Dictionary,
 ) -> [[f64; 2]; 4] {
-    let refined: [Refinement; 4] = refine_quad(picture, lens, rough, cells_per_side);
+    let refined = tag.refine(picture, lens, dictionary);
     [0, 1, 2, 3].map(|corner: usize| match refined[corner] {
         Refinement::Refined { pixel, .. } => pixel,
-        Refinement::Weak(_) => rough[corner],
+        Refinement::Weak(_) => tag.corners[corner],
     })
 }

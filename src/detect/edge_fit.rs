@@ -1,18 +1,12 @@
-//! The two fits that a tag's side is made of: a blurred step across it at each station, and a robust straight
-//! line along it through the stations' edges.
+//! A robust straight line along a tag's side, through the edges that its stations found.
 //!
-//! Apart from [`super::edge_side`], which decides what pixels to use, this is plain numbers in and out.
-//! Signs, as there: distances are positive away from the tag, a step rises from dark to bright that way.
+//! Plain numbers in and out. Signs as in [`super::edge_side`]: distances are positive away from the tag.
 
 use std::sync::OnceLock;
-
-use super::edge_side::{MINIMUM_CONTRAST, WIDEST_GATE};
 
 /// How many stations' worth the noise in the pixels counts against the stations' own scatter: a handful may
 /// lie on a line by chance, and must not be believed to be exact for it.
 const PRIOR_FREEDOM: f64 = 3.0;
-/// Bounds of the edge's blur, px: a pixel's own area alone gives 0.29.
-const BLUR_BOUNDS: [f64; 2] = [0.35, 3.0];
 
 /// What a fit found: the edge lies `offset + slope * (u - middle)` outside the side, u along it in px.
 #[derive(Debug, Clone, Copy)]
@@ -37,120 +31,6 @@ impl SideFit {
     }
 }
 
-#[derive(Debug, Default)]
-pub(super) struct Station {
-    /// Distance outside the side (px) and grey value.
-    pub samples: Vec<[f64; 2]>,
-    /// Mean place along the side, px.
-    pub middle: f64,
-}
-
-/// A blurred step fitted at one station.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Step {
-    pub dark: f64,
-    pub contrast: f64,
-    pub edge: f64,
-    /// Variance of `edge` in px^2 for pixel noise of variance 1.
-    pub information_inverse: f64,
-    /// Sum of squared residuals, grey levels squared.
-    pub squares: f64,
-}
-
-/// Fits every station, from where `steps` stand.
-pub(super) fn fit_steps(stations: &[Station], steps: &mut [Option<Step>], blur: f64, iterations: usize) {
-    for (station, step) in stations.iter().zip(steps) {
-        *step = fit_step(&station.samples, step.map_or(0.0, |step| step.edge), blur, iterations);
-    }
-}
-
-/// Gauss-Newton on (dark, contrast, edge). `None` where there is no rise outwards.
-///
-/// With the edge held, dark and contrast are linear and solved for outright; the edge's own derivative
-/// is taken orthogonal to theirs (variable projection). That converges from a pixel away, where a plain
-/// start would not, and one sweep over the pixels an iteration gives all the sums it needs.
-fn fit_step(samples: &[[f64; 2]], start: f64, blur: f64, iterations: usize) -> Option<Step> {
-    let mut edge = start;
-    let n = samples.len() as f64;
-    let sharpness = 1.0 / blur;
-    for iteration in 0..=iterations {
-        // p: Phi, g: its slope, v: the value.
-        let [mut p, mut pp, mut v, mut pv, mut vv, mut g, mut gp, mut gg, mut gv] = [0.0; 9];
-        for [d, value] in samples {
-            let (phi, density) = normal((d - edge) * sharpness);
-            let slope = density * sharpness;
-            p += phi;
-            pp += phi * phi;
-            v += value;
-            pv += phi * value;
-            vv += value * value;
-            g += slope;
-            gp += slope * phi;
-            gg += slope * slope;
-            gv += slope * value;
-        }
-        let determinant = n * pp - p * p;
-        if determinant < 1e-3 * n {
-            return None;
-        }
-        let contrast = (n * pv - p * v) / determinant;
-        let dark = (v - contrast * p) / n;
-        if contrast < MINIMUM_CONTRAST / 2.0 {
-            return None;
-        }
-        let projected = contrast * contrast * (gg - (pp * g * g - 2.0 * p * g * gp + n * gp * gp) / determinant);
-        if projected <= 1e-9 * contrast * contrast * gg || gg <= 0.0 {
-            return None;
-        }
-        if iteration == iterations {
-            let squares = (vv - dark * v - contrast * pv).max(0.0);
-            return Some(Step { dark, contrast, edge, information_inverse: 1.0 / projected, squares });
-        }
-        // The residual is orthogonal to the linear parts already, so this is the joint step.
-        edge += (-contrast * (gv - dark * g - contrast * gp) / projected).clamp(-1.0, 1.0);
-        if edge.abs() > WIDEST_GATE {
-            return None;
-        }
-    }
-    None
-}
-
-/// One Gauss-Newton step on the side's common blur, from all stations at once.
-pub(super) fn better_blur(stations: &[Station], steps: &[Option<Step>], blur: f64) -> f64 {
-    let (mut gradient, mut curvature) = (0.0, 0.0);
-    for (station, step) in stations.iter().zip(steps) {
-        let Some(step) = step else { continue };
-        for [d, value] in &station.samples {
-            let z = (d - step.edge) / blur;
-            let (phi, density) = normal(z);
-            let derivative = -step.contrast * density * z / blur;
-            gradient += derivative * (value - step.dark - step.contrast * phi);
-            curvature += derivative * derivative;
-        }
-    }
-    if curvature <= 0.0 {
-        return blur;
-    }
-    // dark and contrast give way too, so a full step falls short rather than overshoots.
-    (blur + (gradient / curvature).clamp(-0.5 * blur, blur)).clamp(BLUR_BOUNDS[0], BLUR_BOUNDS[1])
-}
-
-/// Variance of a grey value about the fitted steps; the median station, so that a few bad ones do
-/// not spoil the weights of all.
-pub(super) fn pixel_noise(stations: &[Station], steps: &[Option<Step>]) -> Option<f64> {
-    let mut variances: Vec<f64> = stations
-        .iter()
-        .zip(steps)
-        .filter_map(|(station, step)| Some(step.as_ref()?.squares / (station.samples.len() as f64 - 3.0).max(1.0)))
-        .collect();
-    if variances.is_empty() {
-        return None;
-    }
-    let middle = variances.len() / 2;
-    // A quarter of a grey level squared: rounding to whole grey levels alone is a twelfth.
-    Some(variances.select_nth_unstable_by(middle, f64::total_cmp).1.max(0.25))
-}
-
 /// A station's edge: place along the side, distance outside it, weight = 1 / variance.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Edge {
@@ -167,16 +47,20 @@ pub(super) fn fit_line(edges: &mut Vec<Edge>, least_scale: f64) -> Option<(SideF
     let mut line = weighted_line(edges, &factors)?;
     let mut distances: Vec<f64> = Vec::with_capacity(edges.len());
     let mut scale = least_scale;
-    for iteration in 0..8 {
+    for iteration in 0..6 {
         distances.clear();
         distances.extend(edges.iter().map(|edge| (edge.offset - line.at(edge.u)).abs()));
         let middle = distances.len() / 2;
         let median = *distances.select_nth_unstable_by(middle, f64::total_cmp).1;
         scale = (1.4826 * median).max(least_scale);
+        // Nothing stands out: the plain line is the answer.
+        if iteration == 0 && edges.iter().all(|edge| (edge.offset - line.at(edge.u)).abs() <= 3.0 * scale) {
+            break;
+        }
         for (factor, edge) in factors.iter_mut().zip(edges.iter()) {
             let r = (edge.offset - line.at(edge.u)).abs() / scale;
             // First by absolute value, which cannot be led astray; then Tukey's, which forgets outliers.
-            *factor = if iteration < 3 { 1.0 / r.max(0.5) } else { (1.0 - (r / 4.7).powi(2)).max(0.0).powi(2) };
+            *factor = if iteration < 2 { 1.0 / r.max(0.5) } else { (1.0 - (r / 4.7).powi(2)).max(0.0).powi(2) };
         }
         line = weighted_line(edges, &factors)?;
     }

@@ -17,7 +17,8 @@
 use std::fmt;
 
 use super::edge_fit::SideFit;
-use super::edge_side::{Bend, Side};
+use super::edge_side::{Behind, Bend, MOST_CELLS, Side};
+use super::edge_stations::Stations;
 use super::picture::GreyPicture;
 
 /// What bends straight lines: a camera's distortion, between pixels and *ideal* pixels, where the ideal
@@ -82,15 +83,42 @@ pub const LARGEST_DEVIATION: f64 = 0.5;
 const LINE_FLOOR: f64 = 0.003;
 /// A first idea of the edges' blur, px.
 const USUAL_BLUR: f64 = 0.9;
+/// Exact fits of a tag's sides, at most.
+const MOST_PASSES: usize = 3;
 
-/// Measures the four corners of a tag.
+/// A tag that was found and is to be measured.
+#[derive(Debug, Clone, Copy)]
+pub struct RoughTag<'a> {
+    /// Its corners in order around it, either way.
+    pub corners: [[f64; 2]; 4],
+    /// Cells along the edge that is measured (8 for a 6x6 dictionary with its border on both ends): the
+    /// border is one cell wide, and so at least is the margin around it.
+    pub cells_per_side: usize,
+    /// Whether the border is bright and what is around it dark.
+    pub bright_inside: bool,
+    /// Whether the corners are within half a pixel; else they may be several pixels off.
+    pub close: bool,
+    /// Whether each cell within the edge has the shade of the margin: row by row from the first corner, the second one being at the end
+    /// of the first row. Where cells are small they shine through the border, which can be allowed for if they are known.
+    pub cells: Option<&'a [bool]>,
+}
+
+/// Measures the four corners of a tag; answers in the order of its corners.
+///
+/// About 25 us for a tag of 70 px that was found closely.
+#[must_use]
+pub fn refine_tag(picture: &GreyPicture, lens: Option<&dyn Lens>, tag: &RoughTag<'_>) -> [Refinement; 4] {
+    match refine(picture, lens, tag) {
+        Ok(corners) => corners,
+        Err(weakness) => [Refinement::Weak(weakness); 4],
+    }
+}
+
+/// Measures the four corners of a tag of which only rough corners are known.
 ///
 /// # Arguments
 /// * `rough` - its corners in order around it, either way, each within a few pixels of the truth.
-/// * `cells_per_side` - cells along a side with the border on both ends (8 for a 6x6 dictionary): the
-///   border is one cell wide, and so at least is the white margin.
-///
-/// Answers in the order of `rough`. About 0.4 ms for a tag of 70 px.
+/// * `cells_per_side` - as in [`RoughTag`].
 #[must_use]
 pub fn refine_quad(
     picture: &GreyPicture,
@@ -98,44 +126,45 @@ pub fn refine_quad(
     rough: [[f64; 2]; 4],
     cells_per_side: usize,
 ) -> [Refinement; 4] {
-    match refine(picture, lens, rough, cells_per_side) {
-        Ok(corners) => corners,
-        Err(weakness) => [Refinement::Weak(weakness); 4],
-    }
+    let tag = RoughTag { corners: rough, cells_per_side, bright_inside: false, close: false, cells: None };
+    refine_tag(picture, lens, &tag)
 }
 
-fn refine(
-    picture: &GreyPicture,
-    lens: Option<&dyn Lens>,
-    rough: [[f64; 2]; 4],
-    cells_per_side: usize,
-) -> Result<[Refinement; 4], Weakness> {
+fn refine(picture: &GreyPicture, lens: Option<&dyn Lens>, tag: &RoughTag<'_>) -> Result<[Refinement; 4], Weakness> {
     let bender = Bender(lens);
+    let rough = tag.corners;
     let mut corners = rough;
     let mut ideal = bender.undistort_all(rough)?;
     let mut blur = USUAL_BLUR;
-
-    // First roughly, since a finder's corner may be several pixels off; then twice exactly.
-    let sides = build_sides(&bender, corners, ideal, cells_per_side)?;
-    let fits = [0, 1, 2, 3].map(|side: usize| sides[side].fit_roughly(picture));
-    // A refused move is no loss: the exact fit judges for itself.
-    if let Ok(moved) = meet(&bender, &sides, &fits, ideal) {
-        ideal = moved;
-        corners = bender.distort_all(ideal)?;
+    if !tag.close {
+        let sides = build_sides(&bender, corners, ideal, tag)?;
+        let fits = [0, 1, 2, 3].map(|side: usize| sides[side].fit_roughly(picture));
+        // A refused move is no loss: the exact fit judges for itself.
+        if let Ok(moved) = meet(&bender, &sides, &fits, ideal) {
+            ideal = moved;
+            corners = bender.distort_all(ideal)?;
+        }
     }
+    let mut stations = Stations::default();
     let mut pass = 1;
     loop {
-        let sides = build_sides(&bender, corners, ideal, cells_per_side)?;
-        let fits = [0, 1, 2, 3]
-            .map(|side: usize| sides[side].fit(picture, [&sides[(side + 3) % 4], &sides[(side + 1) % 4]], blur));
+        let sides = build_sides(&bender, corners, ideal, tag)?;
+        let fits = [0, 1, 2, 3].map(|side: usize| {
+            sides[side].fit(picture, [&sides[(side + 3) % 4], &sides[(side + 1) % 4]], blur, &mut stations)
+        });
         let found = fits.map(Result::ok);
         ideal = meet(&bender, &sides, &found, ideal)?;
+        let before = corners;
         corners = bender.distort_all(ideal)?;
         let (count, sum) = found.iter().flatten().fold((0.0, 0.0), |(count, sum), fit| (count + 1.0, sum + fit.blur));
+        let assumed = blur;
         if count > 0.0 {
             blur = sum / count;
         }
-        if pass == 2 {
+        // Once more if the sides were not where they were looked for, or the blur was not what the gates were made for.
+        let moved =
+            (0..4).map(|k| (corners[k][0] - before[k][0]).hypot(corners[k][1] - before[k][1])).fold(0.0, f64::max);
+        if pass == MOST_PASSES || (moved < 0.3 && blur < 1.3 * assumed) {
             return Ok([0, 1, 2, 3].map(|corner: usize| {
                 let before = (corner + 3) % 4;
                 match (&fits[before], &fits[corner]) {
@@ -195,11 +224,11 @@ fn build_sides(
     bender: &Bender<'_>,
     corners: [[f64; 2]; 4],
     ideal: [[f64; 2]; 4],
-    cells_per_side: usize,
+    tag: &RoughTag<'_>,
 ) -> Result<[Side; 4], Weakness> {
     let winding = winding(corners).ok_or(Weakness::NotAQuadrangle)?;
     let unit = Projection::from_unit_square(corners).ok_or(Weakness::NotAQuadrangle)?;
-    let cell = 1.0 / cells_per_side.max(3) as f64;
+    let cell = 1.0 / tag.cells_per_side.max(3) as f64;
     let mut sides = Vec::with_capacity(4);
     for side in 0..4 {
         let (start, end) = (corners[side], corners[(side + 1) % 4]);
@@ -222,9 +251,40 @@ fn build_sides(
             None
         };
         let (inner_cell, outer_cell) = ([width(0.1, cell), width(0.9, cell)], [width(0.1, -cell), width(0.9, -cell)]);
-        sides.push(Side { start, along, outward, length, bend, inner_cell, outer_cell });
+        let behind = tag.cells.and_then(|cells| behind(&unit, side, tag.cells_per_side, cells));
+        let bright_inside = tag.bright_inside;
+        sides.push(Side { start, along, outward, length, bend, inner_cell, outer_cell, bright_inside, behind });
     }
     sides.try_into().map_err(|_| Weakness::NotAQuadrangle)
+}
+
+/// The cells behind the border along one side.
+fn behind(unit: &Projection, side: usize, per_side: usize, cells: &[bool]) -> Option<Behind> {
+    if cells.len() != per_side.checked_mul(per_side)? || per_side < 3 || per_side - 2 > MOST_CELLS {
+        return None;
+    }
+    let count = per_side - 2;
+    let last = per_side - 1;
+    let at = |k: usize| match side {
+        0 => (1, k),
+        1 => (k, last - 1),
+        2 => (last - 1, last - k),
+        _ => (last - k, 1),
+    };
+    let mut behind = Behind { count, bright: [false; MOST_CELLS], places: [0.0; MOST_CELLS + 1] };
+    let (start, end) = (unit.map(Projection::on_side(side, 0.0, 0.0)), unit.map(Projection::on_side(side, 1.0, 0.0)));
+    let along = [end[0] - start[0], end[1] - start[1]];
+    let square = along[0] * along[0] + along[1] * along[1];
+    for k in 0..=count {
+        if k < count {
+            let (row, column) = at(k + 1);
+            behind.bright[k] = cells.get(row * per_side + column).copied()?;
+        }
+        // Seen from the border's middle, where the two edges' blurs meet.
+        let point = unit.map(Projection::on_side(side, (k + 1) as f64 / per_side as f64, 0.7 / per_side as f64));
+        behind.places[k] = ((point[0] - start[0]) * along[0] + (point[1] - start[1]) * along[1]) / square;
+    }
+    Some(behind)
 }
 
 /// Moves each side by its fit (a side without one stays) and crosses neighbours, in ideal coordinates.

@@ -4,16 +4,10 @@
 //! an amount that changes with the place between pixels, and that alone moves an edge by hundredths
 //! of a pixel. Every pixel near the side has a distance `d` from it, positive outwards, and a value.
 //! Pixels are gathered in *stations*, a few columns (or rows) each along the side, and at each station
-//! a blurred step
-//!
-//! ```text
-//! value(d) = dark + contrast * Phi((d - edge) / blur)
-//! ```
-//!
-//! is fitted by least squares. `Phi` is the normal distribution's integral: optics, the area of a
+//! a blurred step is fitted by least squares (see [`super::edge_stations`]): the normal distribution's integral, since optics, the area of a
 //! pixel and a printer's ink add up to something near it, and since it is symmetric an imperfect
-//! `blur` does not move the edge. `blur` is common to the side, the other three belong to the
-//! station, since light changes along a side. Only a rise outwards counts.
+//! blur does not move the edge. The blur is common to the side; dark, contrast and edge belong to the
+//! station, since light changes along a side. Only a rise outwards counts (for a bright border: a fall).
 //!
 //! Stations share no pixels, so their errors are independent, and the scatter of their edges about
 //! the straight line is an honest measure of how well the line is known. That needs no idea of the
@@ -24,16 +18,19 @@
 //! which are round in a blurred picture. The first two limit `d`, the last is a clearance from the
 //! neighbouring sides.
 
-use super::edge_fit::{Edge, SideFit, Station, better_blur, fit_line, fit_steps, pixel_noise};
+use super::edge_fit::{Edge, SideFit, fit_line, normal};
 use super::edge_lines::Weakness;
+use super::edge_stations::Stations;
 use super::picture::GreyPicture;
 
 /// Fewer stations than this are no line.
 const MINIMUM_STATIONS: usize = 4;
 /// Grey levels between border and margin below which an edge is no edge.
-pub(super) const MINIMUM_CONTRAST: f64 = 8.0;
+const MINIMUM_CONTRAST: f64 = 8.0;
+/// Bounds of the edge's blur, px: a pixel's own area alone gives 0.29.
+const BLUR_BOUNDS: [f64; 2] = [0.35, 4.0];
 /// Half the width, in pixels, of the band of pixels that is looked at; beyond it there is only noise.
-pub(super) const WIDEST_GATE: f64 = 3.5;
+const WIDEST_GATE: f64 = 3.0;
 /// Systematic error allowed for at one station, px: print, Bayer pattern, JPEG.
 const STATION_FLOOR: f64 = 0.01;
 
@@ -54,15 +51,31 @@ pub(crate) struct Side {
     /// first and the second corner, px.
     pub inner_cell: [f64; 2],
     pub outer_cell: [f64; 2],
+    /// Whether the border is bright and what is around it dark.
+    pub bright_inside: bool,
+    /// The cells behind the border, where the tag has been read.
+    pub behind: Option<Behind>,
 }
+
+/// The cells behind a side's border, in the order of its corners.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Behind {
+    /// How many of the places are used.
+    pub count: usize,
+    /// Whether each has the shade of the margin.
+    pub bright: [bool; MOST_CELLS],
+    /// Where each begins, and the last one ends, as a part of the side.
+    pub places: [f64; MOST_CELLS + 1],
+}
+
+/// Data cells along a side, at most.
+pub(crate) const MOST_CELLS: usize = 12;
 
 /// A bent side as a polynomial of the place along it, through five points.
 #[derive(Debug, Clone)]
 pub(crate) struct Bend {
     places: [f64; 5],
     coefficients: [f64; 5],
-    /// The largest of the five, px.
-    widest: f64,
 }
 
 impl Bend {
@@ -77,35 +90,26 @@ impl Bend {
                 coefficients[k] = (coefficients[k] - coefficients[k - 1]) / apart;
             }
         }
-        Self { places, coefficients, widest: points.iter().fold(0.0, |most, point| most.max(point[1].abs())) }
+        Self { places, coefficients }
     }
 
-    fn at(&self, u: f64) -> f64 {
-        self.coefficients
-            .iter()
-            .zip(&self.places)
-            .rev()
-            .fold(0.0, |sum, (coefficient, place)| sum * (u - place) + coefficient)
+    /// Value and slope.
+    fn at(&self, u: f64) -> (f64, f64) {
+        self.coefficients.iter().zip(&self.places).rev().fold((0.0, 0.0), |(value, slope), (coefficient, place)| {
+            (value * (u - place) + coefficient, slope * (u - place) + value)
+        })
     }
 }
 
 impl Side {
-    /// Place along the side and distance outside it, px.
-    fn place(&self, point: [f64; 2]) -> [f64; 2] {
-        let delta = [point[0] - self.start[0], point[1] - self.start[1]];
-        let u = delta[0] * self.along[0] + delta[1] * self.along[1];
-        let d = delta[0] * self.outward[0] + delta[1] * self.outward[1];
-        [u, d - self.bend_at(u)]
-    }
-
     /// Distance of a point outside the straight line through the two corners, px.
     fn outside(&self, point: [f64; 2]) -> f64 {
         (point[0] - self.start[0]) * self.outward[0] + (point[1] - self.start[1]) * self.outward[1]
     }
 
-    /// The bend at u px from the start.
-    fn bend_at(&self, u: f64) -> f64 {
-        self.bend.as_ref().map_or(0.0, |bend| bend.at(u))
+    /// The bend at u px from the start, and its slope.
+    fn bend_at(&self, u: f64) -> (f64, f64) {
+        self.bend.as_ref().map_or((0.0, 0.0), |bend| bend.at(u))
     }
 
     fn lerp(&self, ends: [f64; 2], u: f64) -> f64 {
@@ -123,13 +127,16 @@ impl Side {
             // Less than a cell either way, or the next black cell or another tag would be in reach.
             let inner = (0.8 * self.lerp(self.inner_cell, u)).clamp(1.5, 8.0);
             let outer = (0.8 * self.lerp(self.outer_cell, u)).clamp(1.5, 8.0);
-            let bend = self.bend_at(u);
+            let (bend, _) = self.bend_at(u);
+            let sign = if self.bright_inside { -1.0 } else { 1.0 };
             let value = |d: f64| {
                 let d = d + bend;
-                picture.sample(
-                    self.start[0] + u * self.along[0] + d * self.outward[0],
-                    self.start[1] + u * self.along[1] + d * self.outward[1],
-                )
+                picture
+                    .sample(
+                        self.start[0] + u * self.along[0] + d * self.outward[0],
+                        self.start[1] + u * self.along[1] + d * self.outward[1],
+                    )
+                    .map(|value| sign * value)
             };
             let mut best = (MINIMUM_CONTRAST / 2.0, None);
             for step in 0..=((inner + outer) / STEP) as usize {
@@ -154,29 +161,31 @@ impl Side {
     /// The exact fit; see the module's head. The side must be within a pixel or two of the edge.
     ///
     /// `neighbours` are the two sides it meets, `blur` a first idea of the edge's blur in px.
-    pub fn fit(&self, picture: &GreyPicture, neighbours: [&Side; 2], blur: f64) -> Result<SideFit, Weakness> {
-        let stations = self.gather(picture, neighbours, blur);
-        let mut steps = vec![None; stations.len()];
-        fit_steps(&stations, &mut steps, blur, 2);
-        // The blur is the side's own. One step settles it, since a pass begins where the last one ended.
-        let blur = better_blur(&stations, &steps, blur);
-        fit_steps(&stations, &mut steps, blur, 1);
-        let noise = pixel_noise(&stations, &steps).ok_or(Weakness::TooFewEdges)?;
+    pub fn fit(
+        &self,
+        picture: &GreyPicture,
+        neighbours: [&Side; 2],
+        blur: f64,
+        stations: &mut Stations,
+    ) -> Result<SideFit, Weakness> {
+        let widest = WIDEST_GATE.max(3.0 * blur);
+        self.gather(picture, neighbours, blur, widest, stations);
+        let blur = stations.fit(blur, BLUR_BOUNDS, widest, 3);
+        let count = stations.len();
+        let noise = pixel_noise(stations).ok_or(Weakness::TooFewEdges)?;
         let mut edges: Vec<Edge> = stations
-            .iter()
-            .zip(&steps)
-            .filter_map(|(station, step)| {
-                let step = step.as_ref()?;
+            .steps()
+            .filter_map(|step| {
                 let variance = step.information_inverse * noise + STATION_FLOOR.powi(2);
                 (step.contrast > MINIMUM_CONTRAST && step.contrast > 3.0 * noise.sqrt() && variance < 0.25)
-                    .then(|| Edge { u: station.middle, offset: step.edge, weight: 1.0 / variance })
+                    .then(|| Edge { u: step.u, offset: step.edge, weight: 1.0 / variance })
             })
             .collect();
         if edges.len() < MINIMUM_STATIONS {
-            return Err(if edges.len() * 2 < stations.len() { Weakness::NoContrast } else { Weakness::TooFewEdges });
+            return Err(if edges.len() * 2 < count { Weakness::NoContrast } else { Weakness::TooFewEdges });
         }
         let (line, scatter) = fit_line(&mut edges, 0.02).ok_or(Weakness::TooFewEdges)?;
-        if edges.len() < MINIMUM_STATIONS || edges.len() * 2 < stations.len() {
+        if edges.len() < MINIMUM_STATIONS || edges.len() * 2 < count {
             return Err(Weakness::NotStraight);
         }
         let (first, last) =
@@ -192,54 +201,96 @@ impl Side {
     }
 
     /// The pixels near the side, in stations.
-    fn gather(&self, picture: &GreyPicture, neighbours: [&Side; 2], blur: f64) -> Vec<Station> {
+    fn gather(&self, picture: &GreyPicture, neighbours: [&Side; 2], blur: f64, widest: f64, stations: &mut Stations) {
+        stations.clear();
         let major = usize::from(self.along[0].abs() < self.along[1].abs());
         let minor = 1 - major;
         let end = [self.start[0] + self.length * self.along[0], self.start[1] + self.length * self.along[1]];
         let extent = [picture.width(), picture.height()];
-        let widest_bend = self.bend.as_ref().map_or(0.0, |bend| bend.widest);
-        let half = (WIDEST_GATE + widest_bend) / self.along[major].abs().max(0.5);
         let clearance = (3.0 * blur).max(2.0);
         let per_station = (self.length / 80.0).ceil().max(2.0) as usize;
+        let shade = |value: u8| f32::from(if self.bright_inside { u8::MAX - value } else { value });
+        let stride = if minor == 0 { 1 } else { picture.width() };
 
         let (low, high) = (self.start[major].min(end[major]), self.start[major].max(end[major]));
-        let mut stations = Vec::new();
-        let mut station = Station::default();
         let mut lines_in_station = 0;
         for line in whole_numbers(low, high, extent[major]) {
+            // Where this row or column crosses the side.
             let u = (line as f64 - self.start[major]) / self.along[major];
+            let (bend, lean) = self.bend_at(u);
             let centre = self.start[minor] + u * self.along[minor];
-            for place in whole_numbers(centre - half, centre + half, extent[minor]) {
-                let point = if major == 0 { [line as f64, place as f64] } else { [place as f64, line as f64] };
-                let [u, d] = self.place(point);
-                let inner = gate(self.lerp(self.inner_cell, u), blur);
-                let outer = gate(self.lerp(self.outer_cell, u), blur);
-                if d < -inner || d > outer || neighbours.iter().any(|side| side.outside(point) > -clearance) {
-                    continue;
-                }
-                if let Some(value) = picture.pixel(point[0] as usize, point[1] as usize) {
-                    station.samples.push([d, f64::from(value)]);
-                    station.middle += u;
-                }
+            // One pixel further: along the side, and outside the (bent) side.
+            let (du, dd) = (self.along[minor], self.outward[minor] - lean * self.along[minor]);
+            if dd.abs() < 0.3 {
+                continue;
             }
+            let (inner, outer) = (self.lerp(self.inner_cell, u), self.lerp(self.outer_cell, u));
+            let reach = |cell: f64| cell.min(widest);
+            let (a, b) = (centre + (bend - reach(inner)) / dd, centre + (bend + reach(outer)) / dd);
+            let places = whole_numbers(a.min(b), a.max(b), extent[minor]);
+            let point = |place: usize| {
+                if major == 0 { [line as f64, place as f64] } else { [place as f64, line as f64] }
+            };
+            let clear = |place: usize| neighbours.iter().all(|side| side.outside(point(place)) < -clearance);
+            if places.is_empty() || !clear(places.start) || !clear(places.end - 1) {
+                continue;
+            }
+            let first =
+                if major == 0 { places.start * picture.width() + line } else { line * picture.width() + places.start };
+            let from_centre = places.start as f64 - centre;
+            let values = picture.pixels().get(first..).unwrap_or(&[]).iter().step_by(stride).take(places.len());
+            stations.push(
+                [(u + from_centre * du) as f32, (from_centre * dd - bend) as f32],
+                [du as f32, dd as f32],
+                values.map(|value| shade(*value)),
+            );
             lines_in_station += 1;
-            if lines_in_station >= per_station && station.samples.len() >= 8 {
-                station.middle /= station.samples.len() as f64;
-                stations.push(std::mem::take(&mut station));
+            if lines_in_station >= per_station && stations.filling() >= 8 {
+                let u = f64::from(stations.place());
+                let (inner, outer) = (self.lerp(self.inner_cell, u), self.lerp(self.outer_cell, u));
+                stations.complete(inner as f32, outer as f32, self.shine_at(u, blur) as f32);
                 lines_in_station = 0;
             }
         }
-        stations
+        stations.abandon();
+    }
+
+    /// How much of the cell behind the border is bright at a place along the side, with its neighbours blurred in.
+    fn shine_at(&self, u: f64, blur: f64) -> f64 {
+        let Some(behind) = &self.behind else { return 0.0 };
+        let place = u / self.length;
+        let soft = blur / self.length;
+        let step = |at: f64| normal((place - at) / soft).0;
+        let mut shine = 0.0;
+        for (k, bright) in (0..behind.count).zip(behind.bright) {
+            if bright {
+                let (from, to) = (behind.places[k], behind.places[k + 1]);
+                if (from - 4.0 * soft..to + 4.0 * soft).contains(&place) {
+                    shine += step(from) - step(to);
+                }
+            }
+        }
+        shine
     }
 }
 
-/// How far from the edge pixels may be used, px: to where the next edge, one cell away, has faded.
-fn gate(cell: f64, blur: f64) -> f64 {
-    (cell - 2.0 * blur).max(0.55 * cell).min(WIDEST_GATE.min(4.5 * blur))
+/// Variance of a grey value about the fitted steps; the median station, so that a few bad ones do
+/// not spoil the weights of all.
+fn pixel_noise(stations: &Stations) -> Option<f64> {
+    let mut variances: Vec<f64> = stations.steps().map(|step| step.noise).collect();
+    if variances.is_empty() {
+        return None;
+    }
+    let middle = variances.len() / 2;
+    // A quarter of a grey level squared: rounding to whole grey levels alone is a twelfth.
+    Some(variances.select_nth_unstable_by(middle, f64::total_cmp).1.max(0.25))
 }
 
 /// The whole numbers from `low` to `high` that are rows or columns of a picture.
 fn whole_numbers(low: f64, high: f64, extent: usize) -> std::ops::Range<usize> {
-    // Float to integer conversion saturates, so that NaN and far-away places give an empty range.
-    low.ceil().max(0.0) as usize..((high.floor() + 1.0).max(0.0) as usize).min(extent)
+    // Conversion to integers cuts towards zero and saturates, so that NaN and far-away places give an empty range.
+    let first = low.max(0.0) as usize;
+    let first = if (first as f64) < low { first + 1 } else { first };
+    let end = if high < 0.0 { 0 } else { (high as usize).saturating_add(1) };
+    first..end.min(extent)
 }

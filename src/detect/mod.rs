@@ -21,11 +21,15 @@ pub mod checkerboard;
 mod edge_fit;
 pub mod edge_lines;
 mod edge_side;
+mod edge_stations;
+pub mod native;
 #[cfg(feature = "opencv")]
 pub mod opencv;
+pub mod patterns;
 pub mod picture;
 mod plane_map;
 pub mod saddle;
+mod wide;
 
 use thiserror::Error;
 

@@ -6,7 +6,6 @@
 //! OpenCV's own threads are switched off, since pictures are the unit of work and every core already has
 //! one; each call has its own matrix, dictionary and parameters, so that nothing is shared between threads.
 
-use std::collections::BTreeMap;
 use std::sync::Once;
 
 use ::opencv::boxed_ref::BoxedRef;
@@ -14,11 +13,8 @@ use ::opencv::core::{Mat, Point2f, Ptr, Size, Vector};
 use ::opencv::prelude::*;
 use ::opencv::{aruco, calib3d, core};
 
-use super::charuco::{CharucoBoard, FoundTag};
 use super::checkerboard;
-use super::edge_lines::{Refinement, refine_quad};
-use super::plane_map::PlaneMap;
-use super::saddle::{RoughCorner, refine_saddle};
+use super::patterns::{Finder, FoundTag, detect_with};
 use super::{Corner, DetectError, Detector, Dictionary, GreyPicture, Lens, Pattern};
 
 const NAME: &str = "opencv";
@@ -77,7 +73,12 @@ impl OpenCvDetector {
             .filter_map(|(id, quad)| {
                 let quad: [Point2f; 4] = quad.try_into().ok()?;
                 let corners = [0, 1, 2, 3].map(|corner: usize| quad[(corner + turn) % 4]);
-                Some((u32::try_from(id).ok()?, corners.map(|corner| [f64::from(corner.x), f64::from(corner.y)])))
+                Some(FoundTag {
+                    id: u32::try_from(id).ok()?,
+                    corners: corners.map(|corner| [f64::from(corner.x), f64::from(corner.y)]),
+                    bright_inside: false,
+                    close: false,
+                })
             })
             .collect())
     }
@@ -116,6 +117,21 @@ fn find_grid(mat: &impl core::ToInputArray, size: Size) -> ::opencv::Result<Opti
     Ok(found.then(|| corners.iter().map(|corner| [f64::from(corner.x), f64::from(corner.y)]).collect()))
 }
 
+impl Finder for OpenCvDetector {
+    fn tags(&self, picture: &GreyPicture, dictionaries: &[Dictionary]) -> Result<Vec<Vec<FoundTag>>, DetectError> {
+        dictionaries.iter().map(|dictionary| self.find_tags(picture, *dictionary)).collect()
+    }
+
+    fn checkerboard(
+        &self,
+        picture: &GreyPicture,
+        columns: usize,
+        rows: usize,
+    ) -> Result<Option<Vec<[f64; 2]>>, DetectError> {
+        self.find_checkerboard(picture, columns, rows)
+    }
+}
+
 impl Detector for OpenCvDetector {
     fn name(&self) -> &'static str {
         NAME
@@ -127,127 +143,8 @@ impl Detector for OpenCvDetector {
         lens: Option<&dyn Lens>,
         wanted: &[Pattern],
     ) -> Result<Vec<Corner>, DetectError> {
-        let mut tags: BTreeMap<Dictionary, Vec<FoundTag>> = BTreeMap::new();
-        for pattern in wanted {
-            if let Pattern::Tags { dictionary, .. } | Pattern::Charuco { dictionary, .. } = pattern
-                && !tags.contains_key(dictionary)
-            {
-                tags.insert(*dictionary, without_doubles(self.find_tags(picture, *dictionary)?));
-            }
-        }
-        let found_of = |dictionary: &Dictionary| tags.get(dictionary).map_or(&[] as &[FoundTag], Vec::as_slice);
-        let mut corners = Vec::new();
-        for (index, pattern) in wanted.iter().enumerate() {
-            let refused = |reason: &str| DetectError::Pattern { pattern: index, reason: reason.to_owned() };
-            match pattern {
-                Pattern::Tags { dictionary, ids } => {
-                    for (id, rough) in found_of(dictionary).iter().filter(|(id, _)| ids.contains(id)) {
-                        let refined = refine_quad(picture, lens, *rough, dictionary.cells_per_side());
-                        for (corner, refinement) in (0..).zip(refined) {
-                            if let Refinement::Refined { pixel, covariance } = refinement {
-                                corners.push(Corner {
-                                    pattern: index,
-                                    tag: Some(*id),
-                                    corner,
-                                    pixel,
-                                    covariance: Some(covariance),
-                                });
-                            }
-                        }
-                    }
-                }
-                Pattern::Checkerboard { columns, rows } => {
-                    // OpenCV's own limit: it throws below three.
-                    if *columns < 3 || *rows < 3 {
-                        return Err(refused("a checkerboard needs at least 3 x 3 inner corners"));
-                    }
-                    if let Some(grid) = self.find_checkerboard(picture, *columns, *rows)? {
-                        corners.extend(measure_grid(picture, &grid, *columns, *rows, index));
-                    }
-                }
-                Pattern::Charuco { squares, square, marker, dictionary, first_id } => {
-                    if squares[0] < 2 || squares[1] < 2 || !(*marker > 0.0 && marker < square && square.is_finite()) {
-                        return Err(refused(
-                            "a ChArUco board needs at least 2 x 2 squares and markers smaller than its squares",
-                        ));
-                    }
-                    // Also keeps an absurd number of squares from costing an absurd amount of memory.
-                    let markers = squares[0].checked_mul(squares[1]).map(|squares| squares / 2);
-                    let last = markers.and_then(|markers| markers.checked_add(*first_id as usize));
-                    if last.is_none_or(|last| last > dictionary.tag_count() as usize) {
-                        return Err(refused(
-                            "the board has more markers than its dictionary has tags from first_id on",
-                        ));
-                    }
-                    let cells_per_side = dictionary.cells_per_side();
-                    let board = CharucoBoard {
-                        squares: *squares,
-                        square: *square,
-                        marker: *marker,
-                        first_id: *first_id,
-                        cells_per_side,
-                    };
-                    corners.extend(board.corners(picture, lens, found_of(dictionary)).into_iter().map(
-                        |(corner, pixel, covariance)| Corner {
-                            pattern: index,
-                            tag: None,
-                            corner,
-                            pixel,
-                            covariance: Some(covariance),
-                        },
-                    ));
-                }
-            }
-        }
-        corners.sort_by_key(|corner| (corner.pattern, corner.tag, corner.corner));
-        Ok(corners)
+        detect_with(self, picture, lens, wanted)
     }
-}
-
-/// Measures each corner of a grid where its edges cross.
-fn measure_grid(picture: &GreyPicture, grid: &[[f64; 2]], columns: usize, rows: usize, pattern: usize) -> Vec<Corner> {
-    let places: Vec<[f64; 2]> = (0..grid.len()).map(|k| [(k % columns) as f64, (k / columns) as f64]).collect();
-    debug_assert_eq!(grid.len(), columns * rows);
-    let Some(map) = PlaneMap::fit(&places, grid) else { return Vec::new() };
-    (0..)
-        .zip(grid.iter().zip(places))
-        .filter_map(|(corner, (pixel, place))| {
-            let rough = RoughCorner { pixel: *pixel, square: map.square(place), margin: 0.5, black_ahead: None };
-            match refine_saddle(picture, &rough) {
-                Refinement::Refined { pixel, covariance } => {
-                    Some(Corner { pattern, tag: None, corner, pixel, covariance: Some(covariance) })
-                }
-                Refinement::Weak(_) => None,
-            }
-        })
-        .collect()
-}
-
-/// Drops tags whose id is seen at two places: one of them is somewhere else (a reflection, a second print, a
-/// misreading), nothing says which, and one wrong tag does more harm than a missing one. The same
-/// tag found twice, by its inner and outer contour, is one tag: the larger is its border.
-fn without_doubles(tags: Vec<FoundTag>) -> Vec<FoundTag> {
-    let mut by_id: BTreeMap<u32, Vec<[[f64; 2]; 4]>> = BTreeMap::new();
-    for (id, corners) in tags {
-        by_id.entry(id).or_default().push(corners);
-    }
-    by_id
-        .into_iter()
-        .filter_map(|(id, mut places)| {
-            places.sort_by(|a, b| diagonal(b).total_cmp(&diagonal(a)));
-            let largest = *places.first()?;
-            let near = |corners: &[[f64; 2]; 4]| {
-                (0..4).all(|k| {
-                    (corners[k][0] - largest[k][0]).hypot(corners[k][1] - largest[k][1]) < 0.25 * diagonal(&largest)
-                })
-            };
-            places.iter().all(near).then_some((id, largest))
-        })
-        .collect()
-}
-
-fn diagonal(corners: &[[f64; 2]; 4]) -> f64 {
-    (corners[0][0] - corners[2][0]).hypot(corners[0][1] - corners[2][1])
 }
 
 /// A picture as OpenCV sees it, without a copy.

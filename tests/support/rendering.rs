@@ -36,7 +36,12 @@ pub struct View {
 impl View {
     /// A plane whose origin is at `place`, `pixels_per_unit` large, turned in the picture and tilted by up to `tilt` radians.
     pub fn random(random: &mut Random, place: [f64; 2], pixels_per_unit: f64, tilt: f64) -> Self {
-        let (spin, direction, tilt) = (random.between(0.0, TAU), random.between(0.0, TAU), random.between(0.0, tilt));
+        let tilt = random.between(0.0, tilt);
+        Self::tilted(random, place, pixels_per_unit, tilt)
+    }
+    /// The same, tilted by so much in a random direction.
+    pub fn tilted(random: &mut Random, place: [f64; 2], pixels_per_unit: f64, tilt: f64) -> Self {
+        let (spin, direction) = (random.between(0.0, TAU), random.between(0.0, TAU));
         let axis = [direction.cos(), direction.sin(), 0.0];
         let tilted = rotation(axis, tilt);
         let spun = rotation([0.0, 0.0, 1.0], spin);

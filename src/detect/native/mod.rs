@@ -1,0 +1,82 @@
+//! cellmap's own finder of square tags.
+//!
+//! One pass over the picture, then work only where there is something:
+//!
+//! 1. [`tiles`]: a threshold for every 8 x 8 pixels that have contrast around them.
+//! 2. [`components`]: dark and bright patches, from runs of pixels, with the extents of those of a tag's size.
+//! 3. [`outline`]: the quadrangle that a patch fills, if it fills one, settled on the grey values.
+//! 4. [`reading`] and [`codebook`]: its rings, its cells, its id.
+//!
+//! Corners are then measured by [`super::edge_lines`] like those of any finder. Nothing is kept between pictures.
+
+mod codebook;
+mod components;
+mod outline;
+mod reading;
+mod tiles;
+
+use super::patterns::{Finder, FoundTag, detect_with};
+use super::picture::GreyPicture;
+use super::{Corner, DetectError, Detector, Dictionary, Lens, Pattern};
+use codebook::Codebook;
+
+/// Tags, checkerboards and ChArUco boards without any library. Free to make and to share.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct NativeDetector;
+
+impl NativeDetector {
+    /// Every tag of some dictionaries in a picture, an id as often as it is seen; in the order of `dictionaries`.
+    ///
+    /// Corners are within a third of a pixel or so. The search costs the same for many dictionaries as for one.
+    #[must_use]
+    pub fn find_tags(&self, picture: &GreyPicture, dictionaries: &[Dictionary]) -> Vec<Vec<FoundTag>> {
+        let books: Vec<&Codebook> = dictionaries.iter().map(|dictionary| Codebook::of(*dictionary)).collect();
+        let mut found: Vec<Vec<FoundTag>> = vec![Vec::new(); books.len()];
+        let tiles = tiles::tiles(picture);
+        let [dark, bright] = components::patches(picture, &tiles, true);
+        let mut hull = Vec::new();
+        let mut reader = reading::Reader::default();
+        for (patches, bright_inside) in [(dark, false), (bright, true)] {
+            for patch in patches.iter() {
+                let Some(quad) = outline::quadrangle(&patch, &mut hull) else { continue };
+                let Some(quad) = outline::settle(picture, quad, bright_inside) else { continue };
+                for (book, found) in books.iter().zip(&mut found) {
+                    if let Some(read) = reader.read(picture, quad, bright_inside, book) {
+                        found.push(FoundTag { id: read.id, corners: read.corners, bright_inside, close: true });
+                    }
+                }
+            }
+        }
+        found
+    }
+}
+
+impl Finder for NativeDetector {
+    fn tags(&self, picture: &GreyPicture, dictionaries: &[Dictionary]) -> Result<Vec<Vec<FoundTag>>, DetectError> {
+        Ok(self.find_tags(picture, dictionaries))
+    }
+
+    fn checkerboard(
+        &self,
+        _picture: &GreyPicture,
+        _columns: usize,
+        _rows: usize,
+    ) -> Result<Option<Vec<[f64; 2]>>, DetectError> {
+        Ok(None)
+    }
+}
+
+impl Detector for NativeDetector {
+    fn name(&self) -> &'static str {
+        "native"
+    }
+
+    fn detect(
+        &self,
+        picture: &GreyPicture,
+        lens: Option<&dyn Lens>,
+        wanted: &[Pattern],
+    ) -> Result<Vec<Corner>, DetectError> {
+        detect_with(self, picture, lens, wanted)
+    }
+}

@@ -1,0 +1,259 @@
+//! Is a quadrangle a tag, and which?
+//!
+//! A quadrangle must look like a tag before its cells are looked up: a ring inside its edge all of one shade, a ring outside all of the other, as
+//! the margin that every printed tag needs, and a clear step between them on every side. In a small dictionary a
+//! random pattern is a tag's code surprisingly often (one in twenty for 4x4_50 with one wrong cell mended), so it is
+//! the rings that keep window frames, letters and boxes out. Cells that are neither dark nor bright count
+//! as wrong ones, since ink is one or the other.
+
+use super::codebook::Codebook;
+use super::outline::Quad;
+use crate::detect::edge_lines::Projection;
+use crate::detect::picture::GreyPicture;
+
+/// Grey levels between the shades of the two rings below which there is no tag.
+const LEAST_CONTRAST: f64 = 14.0;
+/// Cells up to this size (px) are sharpened: what blur takes from a cell its neighbours have.
+const SHARPENED_BELOW: f64 = 3.5;
+
+/// A tag that was read.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Read {
+    pub id: u32,
+    /// Corners from the printed pattern's first one on.
+    pub corners: Quad,
+}
+
+/// Scratch for one reading.
+#[derive(Debug, Default)]
+pub(super) struct Reader {
+    /// Values of the cells of the pattern and of one ring around it, row by row; NaN outside the picture.
+    values: Vec<f64>,
+    sharpened: Vec<f64>,
+    cells: Vec<bool>,
+}
+
+impl Reader {
+    /// Reads one quadrangle as a tag of one family.
+    ///
+    /// `bright` tells whether the quadrangle is bright inside its edge.
+    pub fn read(&mut self, picture: &GreyPicture, quad: Quad, bright: bool, book: &Codebook) -> Option<Read> {
+        let around = (book.side - book.edge) / 2;
+        // With the margin, where the pattern has no data around its border.
+        let rim = if around == 0 { 1 } else { around };
+        let side = book.edge + 2 * rim;
+        let map = Projection::from_unit_square(quad)?;
+        let size = cell_size(&quad, book.edge);
+        self.sample(picture, &map, book.edge, rim, size);
+        // Dark inside, bright outside, whatever was printed.
+        if bright {
+            self.values.iter_mut().for_each(|value| *value = 255.0 - *value);
+        }
+        let shades = Shades::of(&self.values, side, rim, book.edge)?;
+        let bits = book.bits();
+        // Of a small dictionary nothing is forgiven.
+        let forgiven = if bits >= 25 { 0.08 } else { 0.0 };
+        let judged = |values: &[f64], ring: usize, dark: bool| {
+            let (mut wrong, mut all) = (0.0, 0.0);
+            for (k, value) in
+                values.iter().enumerate().filter(|(k, value)| ring_of(*k, side) == ring && !value.is_nan())
+            {
+                all += 1.0;
+                let place = shades.place(*value, k, side);
+                if (place < 0.0) != dark {
+                    wrong += 1.0;
+                }
+            }
+            (wrong, all)
+        };
+        let (wrong_inside, inside) = judged(&self.values, rim, true);
+        let (wrong_outside, outside) = judged(&self.values, rim - 1, false);
+        if wrong_inside > forgiven * inside
+            || wrong_outside > (2.0 * forgiven + 0.05) * outside
+            || outside < 2.0 * book.edge as f64
+        {
+            return None;
+        }
+        let most_wrong = book.dictionary.correctable_cells();
+        let plain = self.identify(&shades, book, side, rim, false, size, most_wrong);
+        let found = match plain {
+            Some(found) if found.2 == 0 => Some(found),
+            other if size < SHARPENED_BELOW => {
+                self.sharpen(side);
+                let sharp = self.identify(&shades, book, side, rim, true, size, most_wrong);
+                match (other, sharp) {
+                    (Some(a), Some(b)) => Some(if b.2 < a.2 { b } else { a }),
+                    (a, b) => a.or(b),
+                }
+            }
+            other => other,
+        };
+        let (id, turns, _) = found?;
+        Some(Read { id, corners: [0, 1, 2, 3].map(|k: usize| quad[(k + turns) % 4]) })
+    }
+
+    /// Grey values of all cells and of the ring around them.
+    fn sample(&mut self, picture: &GreyPicture, map: &Projection, edge: usize, rim: usize, size: f64) {
+        let side = edge + 2 * rim;
+        self.values.clear();
+        let cell = 1.0 / edge as f64;
+        // Four places a cell where it is large enough that they see nothing of its neighbours.
+        let spread = if size > 4.0 { 0.2 } else { 0.0 };
+        for row in 0..side {
+            for column in 0..side {
+                let (x, y) = (column as f64 + 0.5 - rim as f64, row as f64 + 0.5 - rim as f64);
+                let at = |dx: f64, dy: f64| {
+                    let [u, v] = map.map([(x + dx) * cell, (y + dy) * cell]);
+                    let grey = picture.sample_fixed((u * 65536.0) as i64, (v * 65536.0) as i64);
+                    grey.map_or(f64::NAN, |grey| f64::from(grey) / 65536.0)
+                };
+                self.values.push(if spread > 0.0 {
+                    let s = spread;
+                    0.25 * (at(-s, -s) + at(s, -s) + at(s, s) + at(-s, s))
+                } else {
+                    at(0.0, 0.0)
+                });
+            }
+        }
+    }
+
+    /// Undoes some of the blur of small cells.
+    fn sharpen(&mut self, side: usize) {
+        self.sharpened.clear();
+        self.sharpened.extend_from_slice(&self.values);
+        for row in 1..side - 1 {
+            for column in 1..side - 1 {
+                let k = row * side + column;
+                let beside = self.values[k - 1] + self.values[k + 1] + self.values[k - side] + self.values[k + side];
+                if !beside.is_nan() {
+                    self.sharpened[k] = self.values[k] + 0.25 * (4.0 * self.values[k] - beside);
+                }
+            }
+        }
+    }
+
+    /// Id, turns, wrong cells.
+    #[allow(clippy::too_many_arguments)]
+    fn identify(
+        &mut self,
+        shades: &Shades,
+        book: &Codebook,
+        side: usize,
+        rim: usize,
+        sharp: bool,
+        size: f64,
+        most_wrong: u32,
+    ) -> Option<(u32, usize, u32)> {
+        let values = if sharp { &self.sharpened } else { &self.values };
+        let skip = (side - book.side) / 2;
+        self.cells.clear();
+        let (mut doubtful, mut clarity, mut count) = (0u32, 0.0, 0.0);
+        // Small cells never reach full shade.
+        let doubt = if size < SHARPENED_BELOW { 0.08 } else { 0.25 };
+        for row in skip..side - skip {
+            for column in skip..side - skip {
+                let k = row * side + column;
+                let place = shades.place(values[k], k, side);
+                if place.is_nan() {
+                    return None;
+                }
+                // Shades are counted from the ring inside the edge, which some families print bright.
+                self.cells.push((place > 0.0) != book.bright_inside);
+                let ring = ring_of(k, side);
+                if ring != rim && ring + 1 != rim {
+                    doubtful += u32::from(place.abs() < doubt);
+                    clarity += place.abs().min(1.0);
+                    count += 1.0;
+                }
+            }
+        }
+        let clarity = clarity / f64::max(count, 1.0);
+        // Real cells are clearly one or the other; a texture is not.
+        if clarity < if size < SHARPENED_BELOW { 0.35 } else { 0.6 } {
+            return None;
+        }
+        let (id, turns, wrong) = book.identify(&self.cells, most_wrong)?;
+        (wrong.max(doubtful)
+            <= most_wrong.max(u32::from(book.bits() > 16)).max(if size < SHARPENED_BELOW { 2 } else { 0 }))
+        .then_some((id, turns, wrong))
+    }
+}
+
+/// Mean edge of a cell, px: the shorter of the two directions.
+fn cell_size(quad: &Quad, edge: usize) -> f64 {
+    let side = |k: usize| {
+        let (a, b) = (quad[k], quad[(k + 1) % 4]);
+        (a[0] - b[0]).hypot(a[1] - b[1])
+    };
+    f64::min(side(0) + side(2), side(1) + side(3)) / 2.0 / edge as f64
+}
+
+/// Number of the ring that a place of a square of cells lies on, from 0 outside.
+fn ring_of(place: usize, side: usize) -> usize {
+    let (row, column) = (place / side, place % side);
+    row.min(column).min(side - 1 - row).min(side - 1 - column)
+}
+
+/// The grey of dark and of bright, each a plane across the tag: light falls off.
+struct Shades {
+    dark: [f64; 3],
+    bright: [f64; 3],
+}
+
+impl Shades {
+    /// From the ring inside the edge and the ring outside. `None` if they differ too little.
+    fn of(values: &[f64], side: usize, rim: usize, edge: usize) -> Option<Self> {
+        let dark = plane(values, side, rim)?;
+        let bright = plane(values, side, rim - 1)?;
+        let shades = Self { dark, bright };
+        let half = edge as f64 / 2.0;
+        // At all four corners, not only on average.
+        [[-half, -half], [half, -half], [half, half], [-half, half]]
+            .iter()
+            .all(|at| value(&shades.bright, *at) - value(&shades.dark, *at) > LEAST_CONTRAST)
+            .then_some(shades)
+    }
+
+    /// -1 dark, +1 bright, 0 half-way.
+    fn place(&self, grey: f64, k: usize, side: usize) -> f64 {
+        let at = centred(k, side);
+        let (dark, bright) = (value(&self.dark, at), value(&self.bright, at));
+        2.0 * (grey - dark) / (bright - dark) - 1.0
+    }
+}
+
+fn centred(k: usize, side: usize) -> [f64; 2] {
+    let middle = (side as f64 - 1.0) / 2.0;
+    [(k % side) as f64 - middle, (k / side) as f64 - middle]
+}
+
+fn value(plane: &[f64; 3], at: [f64; 2]) -> f64 {
+    plane[0] + plane[1] * at[0] + plane[2] * at[1]
+}
+
+/// Least squares over a ring. The ring is symmetric, so the three sums are independent unless a part of it is outside the picture.
+fn plane(values: &[f64], side: usize, ring: usize) -> Option<[f64; 3]> {
+    let (mut n, mut sum, mut sx, mut sy, mut xx, mut yy) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+    let (mut xs, mut ys) = (0.0, 0.0);
+    for (k, value) in values.iter().enumerate().filter(|(k, value)| ring_of(*k, side) == ring && !value.is_nan()) {
+        let [x, y] = centred(k, side);
+        n += 1.0;
+        sum += value;
+        sx += x;
+        sy += y;
+        xx += x * x;
+        yy += y * y;
+        xs += x * value;
+        ys += y * value;
+    }
+    if n < 8.0 {
+        return None;
+    }
+    let (mx, my, mean) = (sx / n, sy / n, sum / n);
+    let slope = |xx: f64, xs: f64, mx: f64| {
+        let spread = xx - n * mx * mx;
+        if spread > 1e-6 { (xs - n * mx * mean) / spread } else { 0.0 }
+    };
+    let (a, b) = (slope(xx, xs, mx), slope(yy, ys, my));
+    Some([mean - a * mx - b * my, a, b])
+}

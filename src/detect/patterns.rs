@@ -1,0 +1,191 @@
+//! From what a finder finds to what was wanted: the part that all finders share.
+//!
+//! A finder names tags and grids and says roughly where they are. Here tags whose id is seen twice are dropped, boards are put
+//! together, and everything is measured.
+
+use std::collections::BTreeMap;
+
+use super::charuco::CharucoBoard;
+use super::edge_lines::{Refinement, RoughTag, refine_tag};
+use super::plane_map::PlaneMap;
+use super::saddle::{RoughCorner, refine_saddle};
+use super::{Corner, DetectError, Dictionary, GreyPicture, Lens, Pattern};
+
+/// A tag as a finder reports it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FoundTag {
+    /// Its number in its dictionary.
+    pub id: u32,
+    /// Rough corners in the picture, px: 0 top-left .. 3 bottom-left as printed.
+    pub corners: [[f64; 2]; 4],
+    /// Whether it is bright inside the edge that was found.
+    pub bright_inside: bool,
+    /// Whether the corners are within half a pixel; else they may be several pixels off.
+    pub close: bool,
+}
+
+impl FoundTag {
+    /// Measures its corners.
+    #[must_use]
+    pub fn refine(&self, picture: &GreyPicture, lens: Option<&dyn Lens>, dictionary: Dictionary) -> [Refinement; 4] {
+        let edge = dictionary.edge_cells();
+        let (side, around) = (dictionary.cells_per_side(), (dictionary.cells_per_side() - edge) / 2);
+        // Within the edge: whether each has the shade of what is just outside it.
+        let white_outside = !dictionary.data_around_border();
+        let cells: Option<Vec<bool>> = dictionary.cells(self.id).map(|cells| {
+            let within = (0..edge * edge).map(|k| (k / edge + around) * side + k % edge + around);
+            within.map(|k| cells.get(k).is_some_and(|white| *white == white_outside)).collect()
+        });
+        let tag = RoughTag {
+            corners: self.corners,
+            cells_per_side: edge,
+            bright_inside: self.bright_inside,
+            close: self.close,
+            cells: cells.as_deref(),
+        };
+        refine_tag(picture, lens, &tag)
+    }
+}
+
+/// Finds patterns roughly.
+pub(super) trait Finder {
+    /// Every tag of some dictionaries, an id as often as it is seen; in the order of `dictionaries`.
+    fn tags(&self, picture: &GreyPicture, dictionaries: &[Dictionary]) -> Result<Vec<Vec<FoundTag>>, DetectError>;
+
+    /// A checkerboard's rough corners in canonical order, if a believable one is in the picture.
+    fn checkerboard(
+        &self,
+        picture: &GreyPicture,
+        columns: usize,
+        rows: usize,
+    ) -> Result<Option<Vec<[f64; 2]>>, DetectError>;
+}
+
+/// [`super::Detector::detect`] by means of a finder.
+pub(super) fn detect_with(
+    finder: &dyn Finder,
+    picture: &GreyPicture,
+    lens: Option<&dyn Lens>,
+    wanted: &[Pattern],
+) -> Result<Vec<Corner>, DetectError> {
+    let mut dictionaries: Vec<Dictionary> = wanted
+        .iter()
+        .filter_map(|pattern| match pattern {
+            Pattern::Tags { dictionary, .. } | Pattern::Charuco { dictionary, .. } => Some(*dictionary),
+            Pattern::Checkerboard { .. } => None,
+        })
+        .collect();
+    dictionaries.sort_unstable();
+    dictionaries.dedup();
+    let found: Vec<Vec<FoundTag>> = if dictionaries.is_empty() {
+        Vec::new()
+    } else {
+        finder.tags(picture, &dictionaries)?.into_iter().map(without_doubles).collect()
+    };
+    let found_of = |dictionary: &Dictionary| {
+        let place = dictionaries.iter().position(|one| one == dictionary);
+        place.and_then(|place| found.get(place)).map_or(&[] as &[FoundTag], Vec::as_slice)
+    };
+    let mut corners = Vec::new();
+    for (index, pattern) in wanted.iter().enumerate() {
+        let refused = |reason: &str| DetectError::Pattern { pattern: index, reason: reason.to_owned() };
+        match pattern {
+            Pattern::Tags { dictionary, ids } => {
+                for tag in found_of(dictionary).iter().filter(|tag| ids.contains(&tag.id)) {
+                    for (corner, refinement) in (0..).zip(tag.refine(picture, lens, *dictionary)) {
+                        if let Refinement::Refined { pixel, covariance } = refinement {
+                            let covariance = Some(covariance);
+                            corners.push(Corner { pattern: index, tag: Some(tag.id), corner, pixel, covariance });
+                        }
+                    }
+                }
+            }
+            Pattern::Checkerboard { columns, rows } => {
+                if *columns < 3 || *rows < 3 {
+                    return Err(refused("a checkerboard needs at least 3 x 3 inner corners"));
+                }
+                if let Some(grid) = finder.checkerboard(picture, *columns, *rows)? {
+                    corners.extend(measure_grid(picture, &grid, *columns, *rows, index));
+                }
+            }
+            Pattern::Charuco { squares, square, marker, dictionary, first_id } => {
+                if squares[0] < 2 || squares[1] < 2 || !(*marker > 0.0 && marker < square && square.is_finite()) {
+                    return Err(refused(
+                        "a ChArUco board needs at least 2 x 2 squares and markers smaller than its squares",
+                    ));
+                }
+                // Also keeps an absurd number of squares from costing an absurd amount of memory.
+                let markers = squares[0].checked_mul(squares[1]).map(|squares| squares / 2);
+                let last = markers.and_then(|markers| markers.checked_add(*first_id as usize));
+                if last.is_none_or(|last| last > dictionary.tag_count() as usize) {
+                    return Err(refused("the board has more markers than its dictionary has tags from first_id on"));
+                }
+                let board = CharucoBoard {
+                    squares: *squares,
+                    square: *square,
+                    marker: *marker,
+                    first_id: *first_id,
+                    dictionary: *dictionary,
+                };
+                corners.extend(board.corners(picture, lens, found_of(dictionary)).into_iter().map(
+                    |(corner, pixel, covariance)| Corner {
+                        pattern: index,
+                        tag: None,
+                        corner,
+                        pixel,
+                        covariance: Some(covariance),
+                    },
+                ));
+            }
+        }
+    }
+    corners.sort_by_key(|corner| (corner.pattern, corner.tag, corner.corner));
+    Ok(corners)
+}
+
+/// Measures each corner of a grid where its edges cross.
+fn measure_grid(picture: &GreyPicture, grid: &[[f64; 2]], columns: usize, rows: usize, pattern: usize) -> Vec<Corner> {
+    let places: Vec<[f64; 2]> = (0..grid.len()).map(|k| [(k % columns) as f64, (k / columns) as f64]).collect();
+    debug_assert_eq!(grid.len(), columns * rows);
+    let Some(map) = PlaneMap::fit(&places, grid) else { return Vec::new() };
+    (0..)
+        .zip(grid.iter().zip(places))
+        .filter_map(|(corner, (pixel, place))| {
+            let rough = RoughCorner { pixel: *pixel, square: map.square(place), margin: 0.5, black_ahead: None };
+            match refine_saddle(picture, &rough) {
+                Refinement::Refined { pixel, covariance } => {
+                    Some(Corner { pattern, tag: None, corner, pixel, covariance: Some(covariance) })
+                }
+                Refinement::Weak(_) => None,
+            }
+        })
+        .collect()
+}
+
+/// Drops tags whose id is seen at two places: one of them is somewhere else (a reflection, a second print, a
+/// misreading), nothing says which, and one wrong tag does more harm than a missing one. The same
+/// tag found twice, by its inner and outer contour, is one tag: the larger is its border.
+fn without_doubles(tags: Vec<FoundTag>) -> Vec<FoundTag> {
+    let mut by_id: BTreeMap<u32, Vec<FoundTag>> = BTreeMap::new();
+    for tag in tags {
+        by_id.entry(tag.id).or_default().push(tag);
+    }
+    by_id
+        .into_values()
+        .filter_map(|mut places| {
+            places.sort_by(|a, b| diagonal(&b.corners).total_cmp(&diagonal(&a.corners)));
+            let largest = *places.first()?;
+            let near = |tag: &FoundTag| {
+                (0..4).all(|k| {
+                    let (here, there) = (tag.corners[k], largest.corners[k]);
+                    (here[0] - there[0]).hypot(here[1] - there[1]) < 0.25 * diagonal(&largest.corners)
+                })
+            };
+            places.iter().all(near).then_some(largest)
+        })
+        .collect()
+}
+
+fn diagonal(corners: &[[f64; 2]; 4]) -> f64 {
+    (corners[0][0] - corners[2][0]).hypot(corners[0][1] - corners[2][1])
+}
