@@ -52,9 +52,12 @@ fn the_demo_from_end_to_end() {
     }
 
     // A dictionary that is not on the targets finds nothing, and says so.
-    let text = std::fs::read_to_string(demo.join("layout.yaml")).unwrap();
-    std::fs::write(demo.join("strange.yaml"), text.replace("6x6_250", "4x4_50")).unwrap();
-    let nothing = run(&demo, &["detect", "strange.yaml", "--out", "nothing.csv"]);
+    for name in ["layout.yaml", "gridboard_base.yaml", "gridboard_tool.yaml"] {
+        let text = std::fs::read_to_string(demo.join(name)).unwrap();
+        let strange = text.replace("6x6_250", "4x4_50").replace("gridboard", "strange_gridboard");
+        std::fs::write(demo.join(format!("strange_{name}")), strange).unwrap();
+    }
+    let nothing = run(&demo, &["detect", "strange_layout.yaml", "--out", "nothing.csv"]);
     assert_eq!(nothing.status.code(), Some(1));
     assert!(stderr(&nothing).contains("nothing was found: check the targets' dictionary"), "{}", stderr(&nothing));
 
