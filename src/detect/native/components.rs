@@ -5,6 +5,8 @@
 //! runs, runs that touch (8 neighbours) are united, and of the patches that are of a tag's size the extents are
 //! collected. Clutter costs a few nanoseconds a run.
 
+use std::cell::RefCell;
+
 use pulp::{Arch, Simd, WithSimd};
 
 use super::tiles::{TILE, Tiles};
@@ -66,6 +68,13 @@ struct Runs {
 }
 
 impl Runs {
+    fn clear(&mut self) {
+        self.runs.clear();
+        self.rows.clear();
+        self.rows.push(0);
+        (self.above, self.here) = (0, 0);
+    }
+
     #[inline(always)]
     fn push(&mut self, start: u32, end: u32) {
         let parent = self.runs.len() as u32;
@@ -182,14 +191,29 @@ impl Runs {
     }
 }
 
+thread_local! {
+    /// The memory of the last picture's runs: getting it anew from the system each time costs as much as filling it.
+    static MEMORY: RefCell<[Runs; 2]> = RefCell::default();
+}
+
 /// The dark and the bright patches that may be tags.
-///
-/// `bright` tells whether bright ones are wanted too.
-pub(super) fn patches(picture: &GreyPicture, tiles: &Tiles, bright: bool) -> [Patches; 2] {
+pub(super) fn patches(picture: &GreyPicture, tiles: &Tiles) -> [Patches; 2] {
+    MEMORY.with_borrow_mut(|[dark, bright]| {
+        collect(picture, tiles, dark, bright);
+        let width = picture.width() as u32;
+        let found = [dark.patches(width), bright.patches(width)];
+        for runs in [dark, bright] {
+            // A giant picture's memory is not kept.
+            runs.runs.shrink_to(1 << 18);
+        }
+        found
+    })
+}
+
+fn collect(picture: &GreyPicture, tiles: &Tiles, dark_runs: &mut Runs, bright_runs: &mut Runs) {
     let (width, height) = (picture.width(), picture.height());
-    let (mut dark_runs, mut bright_runs) = (Runs::default(), Runs::default());
-    dark_runs.rows.push(0);
-    bright_runs.rows.push(0);
+    dark_runs.clear();
+    bright_runs.clear();
     let padded = tiles.columns * TILE;
     let (mut levels, mut flags) = (vec![0u8; padded], vec![0u8; padded]);
     let mut spans: Vec<std::ops::Range<usize>> = Vec::new();
@@ -218,16 +242,11 @@ pub(super) fn patches(picture: &GreyPicture, tiles: &Tiles, bright: bool) -> [Pa
             // Padding repeats the last pixel, so that a bright run does not end early and a dark one not late.
             let last = flags[pixels.len() - 1];
             flags[pixels.len()..].fill(last);
-            cut(flags, span.clone(), &mut dark_runs, bright.then_some(&mut bright_runs));
+            cut(flags, span.clone(), dark_runs, bright_runs);
         }
         dark_runs.end_row();
-        if bright {
-            bright_runs.end_row();
-        }
+        bright_runs.end_row();
     }
-    let dark = dark_runs.patches(width as u32);
-    let bright = if bright { bright_runs.patches(width as u32) } else { Patches::default() };
-    [dark, bright]
 }
 
 /// 1 where a pixel is darker than its level, else 0.
@@ -249,7 +268,7 @@ impl WithSimd for Darker<'_> {
 }
 
 /// Cuts a span of a row into runs.
-fn cut(flags: &[u8], span: std::ops::Range<usize>, dark: &mut Runs, mut bright: Option<&mut Runs>) {
+fn cut(flags: &[u8], span: std::ops::Range<usize>, dark: &mut Runs, bright: &mut Runs) {
     const ALL: u64 = 0x0101_0101_0101_0101;
     let (mut begin, mut at) = (span.start as u32, span.start as u32);
     // Eight times the last flag, and that as a bit.
@@ -267,7 +286,7 @@ fn cut(flags: &[u8], span: std::ops::Range<usize>, dark: &mut Runs, mut bright: 
                 if place > begin {
                     if (bits >> bit) & 1 == 0 {
                         dark.push(begin, place);
-                    } else if let Some(bright) = &mut bright {
+                    } else {
                         bright.push(begin, place);
                     }
                 }
@@ -283,7 +302,7 @@ fn cut(flags: &[u8], span: std::ops::Range<usize>, dark: &mut Runs, mut bright: 
     let end = span.end as u32;
     if shade == 1 {
         dark.push(begin, end);
-    } else if let Some(bright) = &mut bright {
+    } else {
         bright.push(begin, end);
     }
 }

@@ -14,7 +14,7 @@ pub(super) type Quad = [[f64; 2]; 4];
 /// Sides shorter than this (px) carry nothing that can be read.
 const SHORTEST_SIDE: f64 = 5.0;
 /// Places along a side at which it is settled.
-const PLACES: usize = 16;
+const PLACES: usize = 12;
 /// Grey levels between inside and outside at one place below which there is no side.
 const LEAST_RISE: f64 = 10.0;
 

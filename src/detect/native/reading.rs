@@ -74,7 +74,7 @@ impl Reader {
         {
             return None;
         }
-        let most_wrong = book.dictionary.correctable_cells();
+        let most_wrong = book.most_wrong;
         let plain = self.identify(&shades, book, side, rim, false, size, most_wrong);
         let found = match plain {
             Some(found) if found.2 == 0 => Some(found),
@@ -97,21 +97,25 @@ impl Reader {
         let side = edge + 2 * rim;
         self.values.clear();
         let cell = 1.0 / edge as f64;
-        // Four places a cell where it is large enough that they see nothing of its neighbours.
-        let spread = if size > 4.0 { 0.2 } else { 0.0 };
+        let fixed = |value: f64| (value * 65536.0) as i64;
+        let at = |x: i64, y: i64| picture.sample_fixed(x, y).map_or(f64::NAN, |grey| f64::from(grey) / 65536.0);
+        // Four places a cell where it is large enough that they see nothing of its neighbours: a fifth of a cell to either side,
+        // which may be that of the middle cell for all.
+        let [here, right, down] = [[0.5, 0.5], [0.5 + cell, 0.5], [0.5, 0.5 + cell]].map(|place| map.map(place));
+        let part = |to: [f64; 2], from: [f64; 2]| [fixed(0.2 * (to[0] - from[0])), fixed(0.2 * (to[1] - from[1]))];
+        let (a, b) = (part(right, here), part(down, here));
         for row in 0..side {
             for column in 0..side {
                 let (x, y) = (column as f64 + 0.5 - rim as f64, row as f64 + 0.5 - rim as f64);
-                let at = |dx: f64, dy: f64| {
-                    let [u, v] = map.map([(x + dx) * cell, (y + dy) * cell]);
-                    let grey = picture.sample_fixed((u * 65536.0) as i64, (v * 65536.0) as i64);
-                    grey.map_or(f64::NAN, |grey| f64::from(grey) / 65536.0)
-                };
-                self.values.push(if spread > 0.0 {
-                    let s = spread;
-                    0.25 * (at(-s, -s) + at(s, -s) + at(s, s) + at(-s, s))
+                let [u, v] = map.map([x * cell, y * cell]);
+                let (u, v) = (fixed(u), fixed(v));
+                self.values.push(if size > 5.0 {
+                    0.25 * (at(u + a[0] + b[0], v + a[1] + b[1])
+                        + at(u - a[0] + b[0], v - a[1] + b[1])
+                        + at(u + a[0] - b[0], v + a[1] - b[1])
+                        + at(u - a[0] - b[0], v - a[1] - b[1]))
                 } else {
-                    at(0.0, 0.0)
+                    at(u, v)
                 });
             }
         }
