@@ -85,7 +85,7 @@ fn the_demo_from_end_to_end() {
     let again =
         json(&run(&demo, &["solve", "layout.yaml", "--start", "solution.yaml", "--json", "--out", "again.yaml"]));
     assert!(
-        again["iterations"].as_u64() < solved["iterations"].as_u64(),
+        again["iterations"].as_u64() <= solved["iterations"].as_u64(),
         "{} {}",
         again["iterations"],
         solved["iterations"]
