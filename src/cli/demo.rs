@@ -34,7 +34,7 @@ impl Demo {
         let detected = |done: usize, all: usize| move_to(&detecting, done, all);
         // A demo that is interrupted simply ends: every file in its folder is whole.
         let never = std::sync::atomic::AtomicBool::new(false);
-        let watch = Watch { progress: &detected, stop: &never };
+        let watch = Watch { progress: &detected, stop: &never, draw: None };
         if !self.json {
             say!("A made-up cell: a robot with a cube of tags, a tagged table, a pallet,");
             say!("two cameras on tripods and one on the wrist. Rendering its pictures,");
