@@ -230,7 +230,7 @@ fn pictures_or_corners_without_joints() {
 fn grey_png(width: u32, height: u32) -> Vec<u8> {
     let picture =
         cellmap::detect::GreyPicture::new(width as usize, height as usize, vec![99; (width * height) as usize]);
-    cellmap::simulate::png(&picture.unwrap()).unwrap()
+    cellmap::simulate::render::encode(&picture.unwrap(), cellmap::simulate::render::PictureFormat::Png).unwrap()
 }
 
 #[test]

@@ -44,6 +44,10 @@ fn the_demo_from_end_to_end() {
     assert_eq!(failed.len(), 2, "{failed:?}");
     assert!(failed[0].contains("camera/001.png") && failed[1].contains("camera/003.png"), "{failed:?}");
 
+    // Drawings: one a picture that could be read.
+    assert_eq!(run(&demo, &["detect", "layout.yaml", "--out", "again.csv", "--draw", "drawn"]).status.code(), Some(0));
+    assert_eq!(std::fs::read_dir(demo.join("drawn")).unwrap().count(), 45);
+
     // Without OpenCV in the build, asking for it is an input error that says what to do.
     if cfg!(not(feature = "opencv")) {
         let refused = run(&demo, &["detect", "layout.yaml", "--detector", "opencv"]);
@@ -118,7 +122,7 @@ fn detection_picks_up_where_it_stopped() {
         }
     };
     let detector = NativeDetector;
-    let first = detect(&layout, &detector, &out, &Watch { progress: &progress, stop: &stop }).unwrap();
+    let first = detect(&layout, &detector, &out, &Watch { progress: &progress, stop: &stop, draw: None }).unwrap();
     assert!(first.interrupted && first.pictures > 0 && first.pictures < 48, "{first:?}");
     assert!(!out.exists(), "nothing half is left");
     let journal = demo.join("detections.csv.unfinished");
@@ -127,7 +131,7 @@ fn detection_picks_up_where_it_stopped() {
     let text = std::fs::read_to_string(&journal).unwrap();
     std::fs::write(&journal, &text[..text.len() - 40]).unwrap();
     let go = AtomicBool::new(false);
-    let second = detect(&layout, &detector, &out, &Watch { progress: &|_, _| {}, stop: &go }).unwrap();
+    let second = detect(&layout, &detector, &out, &Watch { progress: &|_, _| {}, stop: &go, draw: None }).unwrap();
     assert_eq!(second.resumed, first.pictures - 1);
     assert_eq!(second.pictures, 48);
     assert_eq!(std::fs::read(&out).unwrap(), whole);

@@ -6,7 +6,8 @@ use cellmap::geometry::dictionary::Dictionary;
 use cellmap::geometry::{Feature, Pattern};
 use cellmap::layout::parse_layout;
 use cellmap::recording::Recording;
-use cellmap::simulate::{Cell, CornerNoise, PictureNoise, corners, plates, render};
+use cellmap::simulate::render::{Exposure, Look, Scene, render};
+use cellmap::simulate::{Cell, CornerNoise, corners};
 
 #[test]
 fn a_tag_of_every_dictionary_is_found_where_it_is() {
@@ -36,8 +37,8 @@ fn a_tag_of_every_dictionary_is_found_where_it_is() {
         let layout = parse_layout("x.yaml".as_ref(), &text, None).unwrap();
         let recording = Recording::default();
         let cell = Cell::new(&layout, &recording);
-        let plates = plates(&cell);
-        let picture = render(&cell, &plates, 0, 0, PictureNoise { blur: 0.7, grey: 2.0, seed: 1 }).unwrap();
+        let scene = Scene::new(&cell, &Look::plain(1));
+        let picture = render(&cell, &scene, 0, 0, 0, &Exposure::default()).unwrap();
         let truth = corners(&cell, &[0], CornerNoise { pixel_sigma: 0.0, seed: 0 });
         assert_eq!(truth.len(), 12);
         let wanted = [Pattern::Tags { dictionary, ids: ids.to_vec() }];

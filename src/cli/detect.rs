@@ -25,6 +25,9 @@ pub(super) struct Detect {
     /// Who finds the patterns
     #[arg(long, value_enum, default_value_t, value_name = "NAME")]
     detector: Finder,
+    /// Also draw what was found into the pictures, in this folder
+    #[arg(long, value_name = "DIR")]
+    draw: Option<PathBuf>,
 }
 
 /// How many unusable pictures are named one by one.
@@ -41,7 +44,8 @@ impl Detect {
             bar.set_length(all as u64);
             bar.set_position(done as u64);
         };
-        let found = detect(&layout, detector.as_ref(), &out, &Watch { progress: &progress, stop: stop_requested() })?;
+        let watch = Watch { progress: &progress, stop: stop_requested(), draw: self.draw.as_deref() };
+        let found = detect(&layout, detector.as_ref(), &out, &watch)?;
         bar.finish_and_clear();
         if found.interrupted {
             eprintln!("stopped after {} pictures; run the same command again to go on from there", found.pictures);

@@ -248,7 +248,7 @@ impl Side {
             if lines_in_station >= per_station && stations.filling() >= 8 {
                 let u = f64::from(stations.place());
                 let (inner, outer) = (self.lerp(self.inner_cell, u), self.lerp(self.outer_cell, u));
-                stations.complete(inner as f32, outer as f32, self.shine_at(u, blur) as f32);
+                stations.complete(inner as f32, outer as f32, self.shine_at(u, blur));
                 lines_in_station = 0;
             }
         }
@@ -256,8 +256,8 @@ impl Side {
     }
 
     /// How much of the cell behind the border is bright at a place along the side, with its neighbours blurred in.
-    fn shine_at(&self, u: f64, blur: f64) -> f64 {
-        let Some(behind) = &self.behind else { return 0.0 };
+    fn shine_at(&self, u: f64, blur: f64) -> Option<f32> {
+        let behind = self.behind.as_ref()?;
         let place = u / self.length;
         let soft = blur / self.length;
         let step = |at: f64| normal((place - at) / soft).0;
@@ -270,7 +270,7 @@ impl Side {
                 }
             }
         }
-        shine
+        Some(shine as f32)
     }
 }
 

@@ -2,7 +2,7 @@
 //!
 //! Everything the solver knows of a picture it knows through the corners found here, and a corner
 //! that is wrong in every picture alike cannot be averaged away later. This folder therefore does
-//! two separate things: it *finds* patterns, which well-known libraries do well, and it *measures*
+//! two separate things: it *finds* patterns, which well-known libraries do well though slowly, and it *measures*
 //! their corners, which they do badly (the common refinement pulls every corner of a tag a quarter
 //! of a pixel towards its centre). Finding sits behind the [`Detector`] trait; measuring is our own:
 //!
@@ -11,13 +11,17 @@
 //! * [`saddle`]: a board's corners, from the crossing of two edges.
 //! * [`charuco`]: a ChArUco board's corners, from the tags on it.
 //! * [`checkerboard`]: which corner of a checkerboard is the first, and whether that can be known.
-//! * `opencv` (feature `opencv`): the finder, built on the system's OpenCV.
+//! * [`native`]: cellmap's own finder of tags and checkerboards.
+//! * `opencv` (feature `opencv`): another, built on the system's OpenCV.
+//! * [`patterns`]: what finders share.
+//! * [`drawing`]: what was found, for the eye.
 //!
 //! **Pixels**: the centre of the top-left pixel is (0, 0). **Corners of a tag** are 0 top-left,
 //! 1 top-right, 2 bottom-right, 3 bottom-left as printed; of a board, row * columns + column.
 
 pub mod charuco;
 pub mod checkerboard;
+pub mod drawing;
 mod edge_fit;
 pub mod edge_lines;
 mod edge_side;

@@ -46,6 +46,14 @@ pub enum PictureError {
         /// The intrinsics' width and height.
         expected: [u32; 2],
     },
+    /// A drawing could not be written.
+    #[error("{}: the drawing cannot be written: {words}", path.display())]
+    Unwritable {
+        /// The file.
+        path: PathBuf,
+        /// The encoder's own words.
+        words: String,
+    },
     /// The header claims more than [`MAXIMUM_PIXELS`].
     #[error("{}: the header claims {}x{} pixels, more than 256 megapixels", path.display(), size[0], size[1])]
     TooLarge {

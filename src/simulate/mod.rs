@@ -16,7 +16,6 @@ pub mod obstacles;
 mod others;
 pub mod paper_size;
 pub mod paths;
-mod picture;
 pub mod random;
 pub mod record;
 pub mod render;
@@ -24,5 +23,4 @@ mod visible;
 
 pub use cell::{Cell, Disturbances};
 pub use corners::{CornerNoise, corners};
-pub use picture::{PictureNoise, Plate, plates, png, render};
 pub use record::{Simulated, simulate};

@@ -11,6 +11,7 @@ use std::time::Instant;
 
 use super::check::check_pictures;
 use crate::complaint::{Complaint, InputError};
+use crate::detect::drawing::draw_to;
 use crate::detect::{Corner, Detector, GreyPicture, Lens, Pattern};
 use crate::geometry::{Feature, Intrinsics};
 use crate::layout::Layout;
@@ -58,6 +59,8 @@ pub struct Watch<'a> {
     pub progress: &'a (dyn Fn(usize, usize) + Sync),
     /// Set it to stop after the pictures in hand.
     pub stop: &'a AtomicBool,
+    /// A folder for the pictures with what was found drawn into them. All are looked at anew then.
+    pub draw: Option<&'a Path>,
 }
 
 impl std::fmt::Debug for Watch<'_> {
@@ -112,12 +115,15 @@ pub fn detect(layout: &Layout, detector: &dyn Detector, out: &Path, watch: &Watc
         }
         let known = &mut known;
         let (old, new): (Vec<_>, Vec<_>) = chunk.iter().partition(|(camera, file)| {
-            known.get(&(*camera, file.configuration, file.shot)).is_some_and(|done| done.stamp == stamp(&file.path))
+            watch.draw.is_none()
+                && known
+                    .get(&(*camera, file.configuration, file.shot))
+                    .is_some_and(|done| done.stamp == stamp(&file.path))
         });
         result.resumed += old.len();
         done.extend(old.iter().filter_map(|(camera, file)| known.remove(&(*camera, file.configuration, file.shot))));
         let fresh: Vec<Done> =
-            new.par_iter().map(|(camera, file)| look(layout, detector, &wanted, *camera, file)).collect();
+            new.par_iter().map(|(camera, file)| look(layout, detector, &wanted, *camera, file, watch.draw)).collect();
         journal.append(&fresh).map_err(fail)?;
         done.extend(fresh);
         (watch.progress)(done.len(), work.len());
@@ -184,7 +190,14 @@ fn wanted(layout: &Layout) -> Result<(Vec<Pattern>, Vec<usize>), InputError> {
     Ok(found.into_iter().unzip())
 }
 
-fn look(layout: &Layout, detector: &dyn Detector, wanted: &[Pattern], camera: usize, file: &PictureFile) -> Done {
+fn look(
+    layout: &Layout,
+    detector: &dyn Detector,
+    wanted: &[Pattern],
+    camera: usize,
+    file: &PictureFile,
+    draw: Option<&Path>,
+) -> Done {
     let intrinsics = layout.cameras[camera].intrinsics.as_ref();
     let mut done = Done {
         camera,
@@ -195,7 +208,16 @@ fn look(layout: &Layout, detector: &dyn Detector, wanted: &[Pattern], camera: us
         failure: None,
     };
     let found = GreyPicture::read(&file.path, intrinsics.map(Intrinsics::size)).map_err(|e| e.to_string()).and_then(
-        |picture| detector.detect(&picture, intrinsics.map(|i| i as &dyn Lens), wanted).map_err(|e| e.to_string()),
+        |picture| {
+            let corners =
+                detector.detect(&picture, intrinsics.map(|i| i as &dyn Lens), wanted).map_err(|e| e.to_string())?;
+            if let Some(folder) = draw {
+                let name = &layout.cameras[camera].name;
+                let drawing = folder.join(format!("{name}_{:04}_{:02}.png", file.configuration, file.shot));
+                draw_to(&drawing, &picture, &corners).map_err(|e| e.to_string())?;
+            }
+            Ok(corners)
+        },
     );
     match found {
         Ok(corners) => {

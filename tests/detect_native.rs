@@ -1,0 +1,52 @@
+//! cellmap's own detector on whole rendered pictures: it finds what is there, nothing else, and measures it well.
+
+#[path = "support/rendering.rs"]
+mod rendering;
+#[path = "support/scene.rs"]
+mod scene;
+
+use cellmap::detect::native::NativeDetector;
+use cellmap::detect::{Detector, Dictionary, Pattern};
+use scene::{Scene, Tally, USUAL};
+
+fn tally(scene: &Scene, seeds: std::ops::Range<u64>) -> Tally {
+    let ids = (0..scene.dictionary.tag_count()).collect();
+    let wanted = [Pattern::Tags { dictionary: scene.dictionary, ids }];
+    let mut tally = Tally::default();
+    for seed in seeds {
+        let (picture, truth) = scene.render(seed, None);
+        let found = NativeDetector.detect(&picture, None, &wanted).unwrap();
+        let corners: Vec<_> =
+            found.iter().map(|c| (c.tag.unwrap(), c.corner as usize, c.pixel, c.covariance.unwrap())).collect();
+        tally.add(&truth, &corners);
+    }
+    tally
+}
+
+#[test]
+fn tags_are_found_and_measured_in_clutter_and_without() {
+    for (clutter, noise, limit) in [(false, 2.0, 0.03), (true, 2.0, 0.03), (true, 4.0, 0.05)] {
+        let t = tally(&Scene { clutter, noise, ..USUAL }, 100..110);
+        assert!(t.tags == 100.0 && t.found >= 98.0 && t.false_ids == 0.0, "{t:?}");
+        assert!(t.rms() <= limit && t.mean_pull().abs() <= 0.005, "{t:?}");
+        assert!(t.mean_offset().iter().all(|offset| offset.abs() <= 0.005), "{t:?}");
+        assert!((0.7..1.4).contains(&t.mean_normalised()), "{t:?}");
+    }
+}
+
+#[test]
+fn inverted_tags_and_tags_with_data_around_them_are_found() {
+    let around = Scene { dictionary: Dictionary::AprilTagStandard41h12, size: [30.0, 50.0], ..USUAL };
+    for scene in [Scene { inverted: true, ..USUAL }, around, Scene { inverted: true, ..around }] {
+        let t = tally(&scene, 0..3);
+        assert!(t.found >= t.tags - 1.0 && t.false_ids == 0.0 && t.rms() < 0.03, "{t:?}");
+    }
+}
+
+#[test]
+fn clutter_is_no_tag() {
+    for dictionary in [Dictionary::Aruco4x4_50, Dictionary::AprilTag16h5, Dictionary::Aruco6x6_1000] {
+        let t = tally(&Scene { dictionary, tags: 0, clutter: true, ..USUAL }, 0..20);
+        assert_eq!(t.false_ids, 0.0, "{dictionary}");
+    }
+}
