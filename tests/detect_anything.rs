@@ -36,7 +36,7 @@ proptest! {
         let pixels = (0..width * height).map(|k| match kind {
             0 => (next() >> 32) as u8,
             1 => if (k % width / block + k / width / block).is_multiple_of(2) { 20 } else { 230 },
-            2 => if ((k % width / block) as u64 * 31 + (k / width / block) as u64 * 17 ^ salt).count_ones().is_multiple_of(2) { 0 } else { 255 },
+            2 => if (((k % width / block) as u64 * 31 + (k / width / block) as u64 * 17) ^ salt).count_ones().is_multiple_of(2) { 0 } else { 255 },
             _ => (k * 255 / (width * height)) as u8,
         }).collect();
         let picture = GreyPicture::new(width, height, pixels).unwrap();
