@@ -11,7 +11,7 @@
 //! is bright at that place; it is known once the tag has been read, and it matters where cells are only a few blurs wide.
 //!
 //! Eight stations are worked on at once, each in its own lane of a wide register: that is what makes the measuring of a tag
-//! cost twenty microseconds. All numbers are single precision; rounding is a thousandth of what noise leaves.
+//! cost some forty microseconds. All numbers are single precision; rounding is a thousandth of what noise leaves.
 
 use pulp::{Arch, Scalar, Simd, WithSimd};
 

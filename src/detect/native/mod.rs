@@ -55,7 +55,7 @@ impl NativeDetector {
         found
     }
 
-    /// A checkerboard's rough corners in canonical order, if a believable one is in the picture. About 3 ms.
+    /// A checkerboard's rough corners in canonical order, if a believable one is in the picture.
     #[must_use]
     pub fn find_checkerboard(&self, picture: &GreyPicture, columns: usize, rows: usize) -> Option<Vec<[f64; 2]>> {
         let crossings = crossings::crossings(picture, &tiles::tiles(picture));
