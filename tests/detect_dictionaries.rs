@@ -21,7 +21,7 @@ fn a_tag_of_every_dictionary_is_found_where_it_is() {
             .map(|(i, id)| {
                 // `size` is the edge that is found; data may lie around it.
                 let size = 90.0 * dictionary.edge_cells() as f64 / dictionary.cells_per_side() as f64;
-                let x = 130.0 * (i as f64 - 1.0);
+                let x = 170.0 * (i as f64 - 1.0);
                 format!(
                     "  t{i}: {{tags: {{dictionary: {dictionary}, size: {size}, ids: [{id}]}}, pose: {{xyz: [{x}, {}, 600], rpy: [{}, 8, {}]}}}}\n",
                     10 * i,
