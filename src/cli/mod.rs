@@ -6,8 +6,10 @@ mod check;
 mod compare;
 mod demo;
 mod detect;
+mod export;
 mod identify;
 mod output;
+mod print;
 mod solve;
 
 use clap::{Args, Parser, Subcommand};
@@ -29,6 +31,8 @@ struct Cli {
 enum Command {
     /// Explain a layout in words and say what is missing
     Check(check::Check),
+    /// Draw the targets in true size as PDF
+    Print(print::Print),
     /// Find the corners of all targets in all pictures
     Detect(detect::Detect),
     /// Find where everything is
@@ -37,6 +41,8 @@ enum Command {
     Identify(identify::Identify),
     /// Compare the poses of two layouts, or of a solution with a truth
     Compare(compare::Compare),
+    /// Write the solved cell for other programs and controllers
+    Export(export::Export),
     /// Make a small recording, detect, solve and compare with the truth
     Demo(demo::Demo),
 }
@@ -71,10 +77,12 @@ pub fn run() -> ExitCode {
     output::exit_cleanly_on_interrupt();
     let (json, outcome) = match cli.command {
         Command::Check(command) => (command.common.json, command.run()),
+        Command::Print(command) => (command.common.json, command.run()),
         Command::Detect(command) => (command.common.json, command.run()),
         Command::Solve(command) => (command.common.json, command.run()),
         Command::Identify(command) => (command.common.json, command.run()),
         Command::Compare(command) => (command.json, command.run()),
+        Command::Export(command) => (command.common.json, command.run()),
         Command::Demo(command) => (command.json, command.run()),
     };
     match outcome {
