@@ -14,7 +14,7 @@
 //! [`geometry`] (transforms, lenses, targets), [`robot`] (chains), [`layout`] (YAML to a checked model), [`recording`] (CSV files),
 //! [`frames`] (who hangs on what), [`detect`] (pixels to corners), [`initialise`] (no guess needed), [`mod@solve`] (the least squares), [`trust`]
 //! (what is certain), [`identify`] (the published method), [`simulate`] (truth to test against), [`workflow`] (the commands as functions),
-//! [`export`] (what others read), [`mod@print`] (targets on paper).
+//! [`export`] (what others read), [`mod@print`] (targets on paper), [`report`] (what people look at).
 //!
 //! # Example
 //! Two poses and a point:
@@ -57,6 +57,7 @@ pub mod initialise;
 pub mod layout;
 pub mod print;
 pub mod recording;
+pub mod report;
 pub mod robot;
 pub mod simulate;
 pub mod solve;

@@ -10,6 +10,7 @@ mod export;
 mod identify;
 mod output;
 mod print;
+mod report;
 mod solve;
 
 use clap::{Args, Parser, Subcommand};
@@ -41,6 +42,8 @@ enum Command {
     Identify(identify::Identify),
     /// Compare the poses of two layouts, or of a solution with a truth
     Compare(compare::Compare),
+    /// Show a solution as one HTML file with figures
+    Report(report::Report),
     /// Write the solved cell for other programs and controllers
     Export(export::Export),
     /// Make a small recording, detect, solve and compare with the truth
@@ -82,6 +85,7 @@ pub fn run() -> ExitCode {
         Command::Solve(command) => (command.common.json, command.run()),
         Command::Identify(command) => (command.common.json, command.run()),
         Command::Compare(command) => (command.json, command.run()),
+        Command::Report(command) => (command.common.json, command.run()),
         Command::Export(command) => (command.common.json, command.run()),
         Command::Demo(command) => (command.json, command.run()),
     };
