@@ -14,7 +14,9 @@ const SHOWN: usize = 6;
 const WIDTH: u32 = 900;
 /// JPEG quality, per cent.
 const QUALITY: u8 = 72;
-/// The longest residual of a picture is drawn as long as this share of the picture's width.
+/// What is cut out around the corners is at least this share of the picture's width.
+const LEAST: f64 = 0.25;
+/// The longest residual of a picture is drawn as long as this share of the width of what is shown.
 const LONGEST: f64 = 0.06;
 
 /// A picture's corners: pixel, residual (none for a corner that was set aside).
@@ -57,8 +59,9 @@ fn figure(
         (&layout.cameras[camera].name, layout.cameras[camera].intrinsics.as_ref().map(|lens| lens.size()));
     let [width, height] = size.unwrap_or([640, 480]).map(f64::from);
     let longest = corners.iter().filter_map(|(_, d)| d.map(|d| d[0].hypot(d[1]))).fold(0.0, f64::max);
-    let scale = times(LONGEST * width / longest.max(1e-9));
-    let unit = width / 900.0;
+    let cut = cut_out(corners, [width, height]);
+    let scale = times(LONGEST * cut[2] / longest.max(1e-9));
+    let unit = cut[2] / 450.0;
     let mut marks = String::new();
     for ([u, v], residual) in corners {
         match residual {
@@ -78,20 +81,36 @@ fn figure(
         }
     }
     let aside = corners.iter().filter(|(_, d)| d.is_none()).count();
-    let picture = embedded(input, camera, configuration, shot);
+    let picture = embedded(input, camera, configuration, shot, cut);
+    let [left, top, width, height] = cut;
+    let place = format!("x=\"{left}\" y=\"{top}\" width=\"{width}\" height=\"{height}\"");
     let background = picture.as_ref().map_or_else(
-        || format!("<rect width=\"{width}\" height=\"{height}\" class=\"blank\"/>"),
-        |data| format!("<image href=\"data:image/jpeg;base64,{data}\" width=\"{width}\" height=\"{height}\" preserveAspectRatio=\"none\"/>"),
+        || format!("<rect {place} class=\"blank\"/>"),
+        |data| format!("<image href=\"data:image/jpeg;base64,{data}\" {place} preserveAspectRatio=\"none\"/>"),
     );
     let words =
         format!("{name}, configuration {configuration}, shot {shot}: {rms:.3} px rms, {} corners", corners.len());
     let aside = if aside == 0 { String::new() } else { format!(", {aside} set aside (crosses)") };
+    let long = if scale == 1.0 { "in true length".to_owned() } else { format!("{scale:.0} times as long") };
     let missing = if picture.is_none() { " The picture itself is not in the recording." } else { "" };
     format!(
-        "<figure><svg viewBox=\"0 0 {width} {height}\" role=\"img\" aria-label=\"{0}\" style=\"--unit:{unit:.3}px\">{background}<g class=\"marks\">{marks}</g></svg>\
-         <figcaption>{0}{aside}. Residuals are drawn {scale:.0} times as long.{missing}</figcaption></figure>",
+        "<figure><svg viewBox=\"{left} {top} {width} {height}\" role=\"img\" aria-label=\"{0}\" style=\"--unit:{unit:.3}px\">{background}<g class=\"marks\">{marks}</g></svg>\
+         <figcaption>{0}{aside}. Residuals are drawn {long}.{missing}</figcaption></figure>",
         escape(&words)
     )
+}
+
+/// The part of a picture that holds all corners: left, top, width, height (px), as wide to high as the picture, whole pixels.
+fn cut_out(corners: &Corners, [width, height]: [f64; 2]) -> [f64; 4] {
+    let side = |axis: usize, whole: f64| {
+        let (least, most) = corners.iter().map(|(pixel, _)| pixel[axis]).fold((whole, 0.0), |(a, b), v| (v.min(a), v.max(b)));
+        (0.5 * (least + most), 1.5 * (most - least) / whole)
+    };
+    let ((u, across), (v, down)) = (side(0, width), side(1, height));
+    let share = across.max(down).clamp(LEAST, 1.0);
+    let [w, h] = [(share * width).round(), (share * height).round()];
+    let begin = |middle: f64, size: f64, whole: f64| (middle - 0.5 * size).clamp(0.0, whole - size).round();
+    [begin(u, w, width), begin(v, h, height), w, h]
 }
 
 /// The nearest of 1, 2, 5, 10, 20... below.
@@ -100,18 +119,16 @@ fn times(value: f64) -> f64 {
     [5.0, 2.0, 1.0].iter().map(|step| step * power).find(|step| *step <= value.max(1.0)).unwrap_or(1.0)
 }
 
-/// A picture as base64 JPEG, shrunk; none if it is not there or cannot be read.
-fn embedded(input: &ReportInput<'_>, camera: usize, configuration: u64, shot: u64) -> Option<String> {
+/// A part of a picture as base64 JPEG, shrunk; none if the picture is not there or cannot be read.
+fn embedded(input: &ReportInput<'_>, camera: usize, configuration: u64, shot: u64, cut: [f64; 4]) -> Option<String> {
     let layout = &input.solved.layout;
     let pattern = ImagePattern::parse(layout.cameras[camera].images.as_deref()?).ok()?;
     let path = pattern.path(&layout.recording, configuration, shot);
     let picture = image::ImageReader::open(path).ok()?.with_guessed_format().ok()?.decode().ok()?;
-    let height = (f64::from(picture.height()) * f64::from(WIDTH) / f64::from(picture.width().max(1))).round() as u32;
-    let small = if picture.width() > WIDTH {
-        picture.resize_exact(WIDTH, height.max(1), FilterType::Triangle)
-    } else {
-        picture
-    };
+    let [left, top, width, height] = cut.map(|v| v as u32);
+    let part = picture.crop_imm(left, top, width, height);
+    let high = (f64::from(part.height()) * f64::from(WIDTH) / f64::from(part.width().max(1))).round() as u32;
+    let small = if part.width() > WIDTH { part.resize_exact(WIDTH, high.max(1), FilterType::Triangle) } else { part };
     let mut bytes = std::io::Cursor::new(Vec::new());
     let encoder = image::codecs::jpeg::JpegEncoder::new_with_quality(&mut bytes, QUALITY);
     small.to_rgb8().write_with_encoder(encoder).ok()?;

@@ -6,7 +6,8 @@
   // Okabe and Ito's palette: distinguishable with any colour vision.
   const COLOURS = ['#0072B2', '#D55E00', '#009E73', '#CC79A7', '#E69F00', '#56B4E9', '#8C6D1F', '#7A5195'];
   const SYMBOLS = ['circle', 'diamond', 'square', 'x', 'cross', 'triangle-up', 'star', 'hexagon'];
-  const SPACE_SYMBOLS = ['circle', 'diamond', 'square', 'x', 'cross', 'circle-open', 'diamond-open', 'square-open'];
+  // In space only filled symbols are seen from afar.
+  const SPACE_SYMBOLS = ['circle', 'diamond', 'square', 'circle', 'diamond', 'square', 'circle', 'diamond'];
   const AXES = [['x', '#D55E00'], ['y', '#009E73'], ['z', '#0072B2']];
   const colour = (i) => COLOURS[i % COLOURS.length];
   const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
@@ -25,7 +26,7 @@
   const flat = (more) => ({ paper_bgcolor: 'rgba(0,0,0,0)', plot_bgcolor: 'rgba(0,0,0,0)', font: { color: css('--ink'), size: narrow() ? 11 : 13, family: 'system-ui, "DejaVu Sans", sans-serif' }, margin: { l: 56, r: 14, t: 14, b: 48 }, legend: { orientation: 'h', y: 1.02, yanchor: 'bottom', x: 0 }, hoverlabel: { bgcolor: css('--panel'), font: { color: css('--ink') } }, ...more });
   const space = (units, more) => {
     const one = (name) => ({ title: { text: `${name}, ${units}` }, gridcolor: css('--grid'), zerolinecolor: css('--line'), color: css('--ink'), backgroundcolor: 'rgba(0,0,0,0)', showspikes: false });
-    return flat({ margin: { l: 0, r: 0, t: 0, b: 0 }, legend: { orientation: 'h', y: 0.99, yanchor: 'top', x: 0.01, bgcolor: 'rgba(0,0,0,0)' }, uirevision: 'keep', scene: { xaxis: one('x'), yaxis: one('y'), zaxis: one('z'), aspectmode: 'data', uirevision: 'keep', camera: { eye: { x: 1.35, y: -1.35, z: 0.95 } }, ...more } });
+    return flat({ margin: { l: 0, r: 0, t: 0, b: 0 }, legend: { orientation: 'h', y: 0.99, yanchor: 'top', x: 0.01, bgcolor: 'rgba(0,0,0,0)' }, uirevision: 'keep', scene: { xaxis: one('x'), yaxis: one('y'), zaxis: one('z'), aspectmode: 'data', uirevision: 'keep', camera: { eye: narrow() ? { x: 1.6, y: -1.6, z: 1.1 } : { x: 1.2, y: -1.2, z: 0.8 } }, ...more } });
   };
 
   // --- the cell ---------------------------------------------------------------------------------
@@ -69,7 +70,6 @@
     const stop = $('stop') ? Number($('stop').value) : 0;
     const traces = [];
     const length = 0.045 * size;
-    const seen = new Set();
     const shown = (f) => f.kind !== 'link' && f.kind !== 'part';
     AXES.forEach(([name, c], k) => {
       const segments = [];
@@ -107,7 +107,13 @@
     });
     if (grown.x.length) traces.push({ type: 'mesh3d', name: 'uncertainty', ...grown, color: colour(3), opacity: 0.5, hoverinfo: 'skip', showlegend: true });
     const labels = { x: [], y: [], z: [], text: [] };
-    scene.frames.forEach((f, i) => { const p = poseOf(i, stop); if (!p || !shown(f)) return; const key = p.slice(0, 3).map((v) => v.toFixed(4)).join(); if (seen.has(key) && f.kind === 'world') return; seen.add(key); labels.x.push(p[0]); labels.y.push(p[1]); labels.z.push(p[2]); labels.text.push(f.name); });
+    scene.frames.forEach((f, i) => {
+      const p = poseOf(i, stop); if (!p || !shown(f)) return;
+      // Frames in one place share a label, so that their names do not cover each other.
+      const same = labels.x.findIndex((x, k) => Math.hypot(x - p[0], labels.y[k] - p[1], labels.z[k] - p[2]) < 0.03 * size);
+      if (same >= 0) { labels.text[same] += `, ${f.name}`; return; }
+      labels.x.push(p[0]); labels.y.push(p[1]); labels.z.push(p[2]); labels.text.push(f.name);
+    });
     traces.push({ type: 'scatter3d', mode: $('names').checked ? 'markers+text' : 'markers', name: 'frames', ...labels, textposition: 'top center', textfont: { color: css('--ink'), size: narrow() ? 10 : 12 }, marker: { size: 3, color: css('--ink') }, hovertemplate: '%{text}<br>x %{x:.4f} m<br>y %{y:.4f} m<br>z %{z:.4f} m<extra></extra>' });
     return traces;
   };
@@ -128,7 +134,7 @@
     for (const [id, a, b] of [['path-xy', 'x', 'y'], ['path-xz', 'x', 'z'], ['path-yz', 'y', 'z']]) {
       const plane = [{ type: 'scatter', mode: 'lines', name: 'computed', x: path.computed[a], y: path.computed[b], line: { ...line, width: 1 }, hoverinfo: 'skip' }];
       path.measured.forEach((m, i) => plane.push({ type: 'scatter', mode: 'markers', name: m.by, x: m[a], y: m[b], text: m.configuration, marker: { size: 4, color: colour(i), symbol: SYMBOLS[i % 8], opacity: 0.75 }, hovertemplate: `configuration %{text}<br>${a} %{x} mm<br>${b} %{y} mm` }));
-      Plotly.react(id, plane, flat({ xaxis: axis(`${a}, mm`), yaxis: axis(`${b}, mm`, { scaleanchor: 'x' }), showlegend: id === 'path-xy' || narrow() }), config);
+      Plotly.react(id, plane, flat({ xaxis: axis(`${a}, mm`), yaxis: axis(`${b}, mm`, { scaleanchor: 'x' }), showlegend: false }), config);
     }
   };
 
@@ -159,7 +165,7 @@
   const drawStops = () => {
     const { px, mm } = figures.stops;
     const one = px.rms.length ? { of: px, unit: 'px' } : { of: mm, unit: 'mm' };
-    Plotly.react('by-stop', [{ type: 'scatter', mode: 'lines+markers', x: one.of.configuration, y: one.of.rms, line: { color: colour(0), width: 1 }, marker: { size: 4, color: colour(0) }, hovertemplate: `configuration %{x}<br>%{y} ${one.unit}<extra></extra>` }], flat({ xaxis: axis('configuration'), yaxis: axis(`rms, ${one.unit}`, { rangemode: 'tozero' }), showlegend: false }), config);
+    Plotly.react('by-stop', [{ type: 'scatter', mode: 'markers', x: one.of.configuration, y: one.of.rms, marker: { size: 4, color: colour(0) }, hovertemplate: `configuration %{x}<br>%{y} ${one.unit}<extra></extra>` }], flat({ xaxis: axis('configuration'), yaxis: axis(`rms, ${one.unit}`, { rangemode: 'tozero' }), showlegend: false }), config);
   };
 
   // --- residuals --------------------------------------------------------------------------------
@@ -207,7 +213,7 @@
   ['stop', 'swell'].forEach((id) => $(id) && $(id).addEventListener('input', soon));
   $('names').addEventListener('change', soon);
   say();
-  const EYES = { iso: { x: 1.35, y: -1.35, z: 0.95 }, top: { x: 0, y: -0.001, z: 2.1 }, front: { x: 0, y: -2.1, z: 0.05 }, side: { x: 2.1, y: 0, z: 0.05 } };
+  const EYES = { iso: { x: 1.2, y: -1.2, z: 0.8 }, top: { x: 0, y: -0.001, z: 2.1 }, front: { x: 0, y: -2.1, z: 0.05 }, side: { x: 2.1, y: 0, z: 0.05 } };
   document.querySelectorAll('[data-view]').forEach((b) => b.addEventListener('click', () => Plotly.relayout('cell', { 'scene.camera': { eye: EYES[b.dataset.view], up: { x: 0, y: 0, z: 1 } } })));
   const redraw = () => jobs.forEach(([id, draw]) => { if (drawn.has(id)) draw(); });
   $('theme').addEventListener('click', () => {

@@ -15,6 +15,15 @@ pub(super) fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
+/// The same, with what stands between grave accents as code.
+fn prose(text: &str) -> String {
+    let mut html = String::new();
+    for (i, part) in escape(text).split('`').enumerate() {
+        html.push_str(&if i % 2 == 1 { format!("<code>{part}</code>") } else { part.to_owned() });
+    }
+    html
+}
+
 /// A table that scrolls sideways where it is wider than the screen; the first column is words, the rest numbers.
 pub(super) fn table(caption: &str, header: &[&str], rows: &[Vec<String>]) -> String {
     let mut html = format!(
@@ -99,8 +108,16 @@ pub(super) fn summary(input: &ReportInput<'_>) -> String {
     fact("configurations", s.plan.configurations.len().to_string());
     fact("set aside", whole("rejected"));
     html.push_str("</dl>");
+    if fit.get("converged").and_then(Value::as_bool) != Some(true) {
+        html.push_str(&format!("<p class=\"warn\">The search did not end well: {}.</p>", prose(&text(fit.get("termination")))));
+    }
+    let open = items(f.get("undetermined")).len();
+    if open > 0 {
+        let what = if open == 1 { "1 direction is".to_owned() } else { format!("{open} directions are") };
+        html.push_str(&format!("<p class=\"warn\">{what} <a href=\"#undetermined\">not determined</a>.</p>"));
+    }
     for doubt in items(fit.get("doubts")) {
-        html.push_str(&format!("<p class=\"warn\">{}</p>", escape(doubt.as_str().unwrap_or(""))));
+        html.push_str(&format!("<p class=\"warn\">{}</p>", prose(doubt.as_str().unwrap_or(""))));
     }
     html
 }
@@ -114,7 +131,7 @@ pub(super) fn undetermined(input: &ReportInput<'_>) -> String {
     let mut html = String::from("<ul class=\"open\">");
     for one in all {
         let (reason, remedy) = (text(one.get("reason")), text(one.get("remedy")));
-        html.push_str(&format!("<li>{}<br><em>What helps:</em> {}</li>", escape(&reason), escape(&remedy)));
+        html.push_str(&format!("<li>{}<br><em>What helps:</em> {}</li>", prose(&reason), prose(&remedy)));
     }
     html + "</ul>"
 }
