@@ -61,6 +61,8 @@ impl fmt::Display for InputError {
     }
 }
 
+impl std::error::Error for Complaint {}
+
 impl std::error::Error for InputError {}
 
 /// `, did you mean ...` for a misspelt name: the nearest of `known`, if any is near enough to be meant.

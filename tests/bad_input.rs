@@ -386,3 +386,125 @@ fn json_carries_the_errors_too() {
     assert_eq!(errors["errors"][0]["line"], 1);
     assert!(errors["errors"][0]["what"].as_str().unwrap().contains("`cellmap`"), "{errors}");
 }
+
+const SIMULATED: &str = "cellmap: 1
+units: {length: mm, angle: deg}
+world: table
+cameras:
+  eye:
+    images: images/{configuration:04}.png
+    intrinsics: {model: pinhole, size: [640, 480], focal: [500, 500], centre: [319.5, 239.5]}
+    pose: {xyz: [0, 0, 1500], rpy: [180, 0, 0], unknown: true}
+robots:
+  arm: {model: ur5e, joints: joints.csv, pose: {xyz: [0, 500, 0], rpy: [0, 0, 0], unknown: true}}
+targets:
+  table: {tags: {dictionary: 6x6_250, size: 100, ids: [1]}}
+  tool: {tags: {dictionary: 6x6_250, size: 100, ids: [2]}, mount: arm.flange, pose: {xyz: [0, 0, 50], rpy: [0, 0, 0], unknown: true}}
+";
+
+/// Runs `simulate` with more arguments on a changed layout; nothing is written.
+fn not_simulated(from: &str, to: &str, more: &[&str]) -> String {
+    assert!(SIMULATED.contains(from), "{from}");
+    let dir = folder(&[("layout.yaml", &SIMULATED.replace(from, to))]);
+    let before = contents(dir.path());
+    let mut arguments = vec!["simulate", "layout.yaml", "--out", "out", "--configurations", "3"];
+    arguments.extend_from_slice(more);
+    let output = run(dir.path(), &arguments);
+    let said = stderr(&output);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert_eq!(before, contents(dir.path()), "something was written");
+    assert!(!dir.path().join("out").exists());
+    said
+}
+
+#[test]
+fn a_simulation_of_unknown_poses() {
+    let said = not_simulated("    pose: {xyz: [0, 0, 1500], rpy: [180, 0, 0], unknown: true}\n", "", &[]);
+    pinned(
+        &said,
+        "error: the pose of camera `eye` is not known\n  --> layout.yaml:6\n    6 |     images: images/{configuration:04}.png\n  help: a simulation needs every pose: \
+         give it, with `unknown: true` in it if the solver is to find it",
+    );
+    let said = not_simulated("size: 100, ids: [2]", "size: 100, ids: [2, 3]", &[]);
+    assert!(
+        said.starts_with("error: the place of tag 3 on target `tool` is not known\n  --> layout.yaml:13"),
+        "{said}"
+    );
+    let said = not_simulated("{xyz: [0, 500, 0], rpy: [0, 0, 0], unknown: true}", "unknown", &[]);
+    assert!(said.starts_with("error: the pose of robot `arm` is not known\n  --> layout.yaml:10"), "{said}");
+    let said = not_simulated("unknown: true}}\ntargets", "unknown: true, start: true}}\ntargets", &[]);
+    assert!(said.contains("the pose of robot `arm` has both `start` and `unknown`"), "{said}");
+}
+
+#[test]
+fn a_simulation_of_a_path_that_cannot_be() {
+    // The camera looks at the ceiling.
+    let said = not_simulated("rpy: [180, 0, 0]", "rpy: [0, 0, 0]", &[]);
+    let words = "error: no joint values were found for robot `arm` at configuration 1: of 9600 tried";
+    assert!(said.starts_with(words) && said.contains("nothing is seen of what it carries"), "{said}");
+    assert!(said.contains("help: give ranges in which it works: `simulate: {joints:"), "{said}");
+    let ranges = |text: &str| format!("simulate: {{joints: {{{text}}}}}\ncellmap: 1\n");
+    let said = not_simulated("cellmap: 1\n", &ranges("arn: [[0, 1]]"), &[]);
+    pinned(
+        &said,
+        "error: `simulate` gives joint ranges of `arn`, which is no robot\n  --> layout.yaml:1\n    1 | simulate: {joints: {arn: [[0, 1]]}}\n  help: did you mean `arm`?",
+    );
+    let said = not_simulated("cellmap: 1\n", &ranges("arm: [[0, 1]]"), &[]);
+    assert!(said.starts_with("error: robot `arm` has 6 joints but 1 ranges stand here"), "{said}");
+    let said = not_simulated("cellmap: 1\n", &ranges("arm: [[1, 0], [0, 1], [0, 1], [0, 1], [0, 1], [0, 1]]"), &[]);
+    assert!(said.starts_with("error: a joint range of `arm` ends before it begins"), "{said}");
+    // A recorded path that leaves the ranges.
+    let joints = "configuration,robot,q1,q2,q3,q4,q5,q6\n1,arm,0,-90,90,-90,-90,0\n2,arm,200,-90,90,-90,-90,0\n";
+    let text =
+        format!("simulate: {{path: recorded, joints: {{arm: [{}]}}}}\n{SIMULATED}", ["[-100, 100]"; 6].join(", "));
+    let dir = folder(&[("layout.yaml", &text), ("joints.csv", joints)]);
+    let output = run(dir.path(), &["simulate", "layout.yaml", "--out", "out"]);
+    assert_eq!(output.status.code(), Some(2));
+    let words = "error: configuration 2 cannot be reached: joint 1 of robot `arm` is outside its range";
+    assert!(stderr(&output).starts_with(words), "{}", stderr(&output));
+    assert!(!dir.path().join("out").exists());
+}
+
+#[test]
+fn a_simulation_with_nowhere_to_go() {
+    let said = not_simulated("04}.png", "04}_{shot}.png", &["--pictures", "--shots", "1000000"]);
+    assert!(said.starts_with("error: the recording needs about ") && said.contains(" but the disk has "), "{said}");
+    let said = not_simulated("04}.png", "04}.tga", &["--pictures"]);
+    assert!(said.contains("pictures of camera `eye` would be of kind `tga`"), "{said}");
+    let said = not_simulated("cellmap", "cellmap", &["--pictures", "--shots", "2"]);
+    assert!(said.contains("camera `eye` takes 2 shots but its `images` have no `{shot}`"), "{said}");
+
+    // A folder in use is refused without `--force`, whatever is in it; with it the simulation is replaced and strangers stay.
+    let dir = folder(&[("layout.yaml", SIMULATED), ("out/mine.txt", "precious")]);
+    let before = contents(dir.path());
+    let arguments = ["simulate", "layout.yaml", "--out", "out", "--configurations", "3"];
+    let output = run(dir.path(), &arguments);
+    assert_eq!(output.status.code(), Some(2));
+    pinned(
+        &stderr(&output),
+        "error: the folder exists and is not empty\n  --> out\n  help: give another with `--out DIR`, or replace the simulation in it with `--force`",
+    );
+    assert_eq!(before, contents(dir.path()));
+    let forced: Vec<&str> = arguments.iter().copied().chain(["--force"]).collect();
+    assert_eq!(run(dir.path(), &forced).status.code(), Some(0));
+    assert_eq!(std::fs::read_to_string(dir.path().join("out/mine.txt")).unwrap(), "precious");
+    let first = contents(dir.path());
+    assert_eq!(run(dir.path(), &arguments).status.code(), Some(2));
+    assert_eq!(run(dir.path(), &forced).status.code(), Some(0));
+    assert_eq!(first, contents(dir.path()), "the same seed gives the same files");
+    let file = run(dir.path(), &["simulate", "layout.yaml", "--out", "layout.yaml"]);
+    assert_eq!(file.status.code(), Some(2), "{}", stderr(&file));
+}
+
+#[test]
+fn a_simulated_camera_that_never_sees_anything() {
+    let blind = "cameras:\n  blind: {intrinsics: {model: pinhole, size: [640, 480], focal: [500, 500], centre: [319.5, 239.5]}, \
+                 pose: {xyz: [0, 0, 1500], rpy: [0, 0, 0], unknown: true}}\n";
+    let dir = folder(&[("layout.yaml", &SIMULATED.replace("cameras:\n", blind))]);
+    let output = run(dir.path(), &["simulate", "layout.yaml", "--out", "out", "--configurations", "3"]);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    pinned(
+        &stderr(&output),
+        "warning: camera `blind` never sees anything: check its pose (x right, y down, z forward)",
+    );
+}

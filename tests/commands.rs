@@ -10,10 +10,15 @@ use program::{contents, folder, json, run, stderr, stdout};
 #[test]
 fn the_demo_from_end_to_end() {
     let dir = folder(&[]);
-    let output = run(dir.path(), &["demo", "--json"]);
+    let output = run(dir.path(), &["demo", "--configurations", "24", "--json"]);
     assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
     let shown = json(&output);
-    assert_eq!(shown["pictures"], 48);
+    assert_eq!(shown["pictures"], 24);
+    // The paper's method on these pictures, and the joint solve: both far better than on the paper's own pictures.
+    let error = |method: &str, what: &str| shown[method][what].as_f64().unwrap();
+    assert_eq!((error("paper", "base_mm"), error("paper", "tool_mm")), (2.59, 1.22));
+    assert!(error("joint_solve", "base_mm") < 0.3 && error("joint_solve", "tool_mm") < 0.3, "{shown}");
+    assert!(error("published_method", "base_mm") < 2.0 && error("published_method", "tool_mm") < 1.0, "{shown}");
     assert!(shown["worst_translation_mm"].as_f64().unwrap() < 0.3, "{shown}");
     assert!(shown["worst_rotation_deg"].as_f64().unwrap() < 0.03, "{shown}");
     assert!(shown["rms_px"].as_f64().unwrap() < 0.05, "{shown}");
@@ -21,24 +26,24 @@ fn the_demo_from_end_to_end() {
     let demo = dir.path().join("cellmap-demo");
     let check = run(&demo, &["check", "layout.yaml"]);
     assert_eq!(check.status.code(), Some(0), "{}", stderr(&check));
-    assert!(stdout(&check).contains("├─ tool_cube  (unknown)"), "{}", stdout(&check));
+    assert!(stdout(&check).contains("├─ tool_board  (unknown)"), "{}", stdout(&check));
     assert!(stdout(&check).lines().all(|line| line.chars().count() <= 80), "{}", stdout(&check));
 
     // A second detection gives the same bytes, also when pictures are broken on the way.
     let first = std::fs::read(demo.join("detections.csv")).unwrap();
     assert_eq!(run(&demo, &["detect", "layout.yaml", "--threads", "1"]).status.code(), Some(0));
     assert_eq!(std::fs::read(demo.join("detections.csv")).unwrap(), first);
-    std::fs::write(demo.join("images/left/01.png"), "no picture").unwrap();
-    std::fs::remove_file(demo.join("images/left/02.png")).unwrap();
-    let whole = std::fs::read(demo.join("images/left/03.png")).unwrap();
-    std::fs::write(demo.join("images/left/03.png"), &whole[..whole.len() / 2]).unwrap();
+    std::fs::write(demo.join("images/camera/001.png"), "no picture").unwrap();
+    std::fs::remove_file(demo.join("images/camera/002.png")).unwrap();
+    let whole = std::fs::read(demo.join("images/camera/003.png")).unwrap();
+    std::fs::write(demo.join("images/camera/003.png"), &whole[..whole.len() / 2]).unwrap();
     let detected = run(&demo, &["detect", "layout.yaml", "--json"]);
     assert_eq!(detected.status.code(), Some(0));
     let found = json(&detected);
-    assert_eq!(found["pictures"], 47);
+    assert_eq!(found["pictures"], 23);
     let failed: Vec<String> = found["failed"].as_array().unwrap().iter().map(|f| f["picture"].to_string()).collect();
     assert_eq!(failed.len(), 2, "{failed:?}");
-    assert!(failed[0].contains("left/01.png") && failed[1].contains("left/03.png"), "{failed:?}");
+    assert!(failed[0].contains("camera/001.png") && failed[1].contains("camera/003.png"), "{failed:?}");
 
     // A dictionary that is not on the targets finds nothing, and says so.
     let text = std::fs::read_to_string(demo.join("layout.yaml")).unwrap();
@@ -78,7 +83,7 @@ fn the_demo_from_end_to_end() {
     );
     let compared = json(&run(&demo, &["compare", "again.yaml", "solution.yaml", "--json"]));
     assert!(compared["worst_translation_mm"].as_f64().unwrap() < 1e-6, "{compared}");
-    assert!(compared["poses"]["world_from_left"]["within_sigma"].as_f64().unwrap() < 0.1);
+    assert!(compared["poses"]["world_from_camera"]["within_sigma"].as_f64().unwrap() < 0.1);
 }
 
 /// A run that was stopped leaves a journal; the next goes on from there and the result is the same.

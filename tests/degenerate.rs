@@ -10,12 +10,11 @@ use std::io::Write;
 
 use cellmap::layout::Layout;
 use cellmap::recording::{RobotMotion, write_detections};
-use cellmap::simulate::demo;
 use program::{folder, json, run};
 
-/// The demo cell without its wrist camera and pallet: one robot, two cameras, a tool of unknown pose.
+/// The cell with one robot without its wrist camera and pallet: one robot, two cameras, a tool of unknown pose.
 fn truth_text() -> String {
-    let text = demo::TRUTH;
+    let text = cells::one_robot_truth();
     let wrist = &text[text.find("  wrist:").unwrap()..text.find("robots:").unwrap()];
     let pallet = &text[text.find("  pallet:").unwrap()..text.find("solve:").unwrap()];
     text.replace(wrist, "").replace(pallet, "")
@@ -92,8 +91,8 @@ fn orientation_constant() {
 fn too_few_configurations() {
     for count in [1, 2] {
         // Stops at which the tool is seen.
-        let seen = demo::path(&cells::layout(demo::TRUTH), 1).into_values();
-        let (code, found) = solve(seen.take(count).collect());
+        let RobotMotion::Joints(seen) = cells::one_robot_path(2).remove(0) else { panic!("a path of joints") };
+        let (code, found) = solve(seen.into_values().take(count).collect());
         assert_eq!(code, Some(1), "{found}");
         let words = if count == 1 { "in only 1 configuration" } else { "in only 2 configurations" };
         assert!(reasons(&found).contains(words), "{}", reasons(&found));

@@ -254,7 +254,7 @@ fn half_turned_boards_are_put_right_by_the_robots_motion() {
         let to = text[from..].find("    mount: ur5e.flange").unwrap() + from;
         format!("{}  tool_cube:\n{tools}{}", &text[..from], &text[to..])
     };
-    let text = tool(cellmap::simulate::demo::TRUTH)
+    let text = tool(&cells::one_robot_truth())
         .replace("xyz: [2, 3, 110], rpy: [1, -0.5, 44]", "xyz: [-75, -45, 60], rpy: [178, 1, 3]");
     // The board faces down from the flange; the cameras look up at it from below the table's edge.
     let text = text

@@ -11,6 +11,7 @@ mod identify;
 mod output;
 mod print;
 mod report;
+mod simulate;
 mod solve;
 
 use clap::{Args, Parser, Subcommand};
@@ -34,6 +35,8 @@ enum Command {
     Check(check::Check),
     /// Draw the targets in true size as PDF
     Print(print::Print),
+    /// Make a recording with known truth from a layout whose poses are known
+    Simulate(simulate::Simulate),
     /// Find the corners of all targets in all pictures
     Detect(detect::Detect),
     /// Find where everything is
@@ -46,7 +49,7 @@ enum Command {
     Report(report::Report),
     /// Write the solved cell for other programs and controllers
     Export(export::Export),
-    /// Make a small recording, detect, solve and compare with the truth
+    /// Render the paper's simulation, detect, solve and compare with the truth
     Demo(demo::Demo),
 }
 
@@ -80,7 +83,10 @@ pub fn run() -> ExitCode {
     output::exit_cleanly_on_interrupt();
     let (json, outcome) = match cli.command {
         Command::Check(command) => (command.common.json, command.run()),
+<<<<<<< HEAD
         Command::Print(command) => (command.common.json, command.run()),
+=======
+        Command::Simulate(command) => (command.common.json, command.run()),
         Command::Detect(command) => (command.common.json, command.run()),
         Command::Solve(command) => (command.common.json, command.run()),
         Command::Identify(command) => (command.common.json, command.run()),

@@ -122,16 +122,28 @@ fn feature_of(geometry: &TargetGeometry, tag: &str, corner: u64) -> Option<Featu
 /// # Errors
 /// When the file cannot be written; an older file then stands untouched.
 pub fn write_detections(path: &Path, layout: &Layout, rows: &[CornerRow]) -> std::io::Result<()> {
+    write_rounded(path, layout, rows, 4)
+}
+
+/// As [`write_detections`], with ten decimals of a pixel: for corners that no detector has seen.
+///
+/// # Errors
+/// As [`write_detections`].
+pub fn write_exact_detections(path: &Path, layout: &Layout, rows: &[CornerRow]) -> std::io::Result<()> {
+    write_rounded(path, layout, rows, 10)
+}
+
+fn write_rounded(path: &Path, layout: &Layout, rows: &[CornerRow], decimals: usize) -> std::io::Result<()> {
     atomic::write(path, |out| {
         writeln!(out, "{},{}", COLUMNS.join(","), COVARIANCE.join(","))?;
         for row in rows {
-            write_row(out, layout, row)?;
+            write_row(out, layout, row, decimals)?;
         }
         Ok(())
     })
 }
 
-fn write_row(out: &mut dyn Write, layout: &Layout, row: &CornerRow) -> std::io::Result<()> {
+fn write_row(out: &mut dyn Write, layout: &Layout, row: &CornerRow, decimals: usize) -> std::io::Result<()> {
     let (tag, corner) = match &row.feature {
         Feature::TagCorner(tag, corner) => (tag.to_string(), u32::from(*corner)),
         Feature::BoardCorner(corner) => (String::new(), *corner),
@@ -139,7 +151,7 @@ fn write_row(out: &mut dyn Write, layout: &Layout, row: &CornerRow) -> std::io::
     };
     let (camera, target) = (&layout.cameras[row.camera].name, &layout.targets[row.target].name);
     write!(out, "{},{},{camera},{target},{tag},{corner},", row.configuration, row.shot)?;
-    write!(out, "{:.4},{:.4},", row.pixel[0], row.pixel[1])?;
+    write!(out, "{:.decimals$},{:.decimals$},", row.pixel[0], row.pixel[1])?;
     match row.covariance {
         Some([suu, suv, svv]) => writeln!(out, "{suu:.4e},{suv:.4e},{svv:.4e}"),
         None => writeln!(out, ",,"),

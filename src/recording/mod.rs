@@ -9,6 +9,7 @@ pub mod detections;
 pub mod motion;
 pub mod table;
 pub mod targets;
+pub mod write;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -17,7 +18,7 @@ use crate::complaint::{Complaint, InputError};
 use crate::geometry::Pose;
 use crate::layout::{Layout, Motion};
 
-pub use detections::{CornerRow, read_detections, write_detections};
+pub use detections::{CornerRow, read_detections, write_detections, write_exact_detections};
 pub use motion::{FlangePoses, JointValues, read_flange_poses, read_joints};
 pub use targets::{ContactRow, PointRow, PoseRow, read_contacts, read_points, read_target_poses};
 

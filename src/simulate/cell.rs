@@ -1,6 +1,8 @@
 //! A cell whose poses are all known, asked where things are.
 
 use nalgebra::{Vector2, Vector3};
+use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use crate::frames::{FrameId, FrameTree, Step};
 use crate::geometry::{Intrinsics, Pose};
@@ -13,34 +15,69 @@ pub struct Cell<'a> {
     /// The layout; every pose known.
     pub layout: &'a Layout,
     /// Its frames.
-    pub tree: FrameTree,
+    pub tree: Arc<FrameTree>,
     /// The robots' motion.
     pub recording: &'a Recording,
+    /// What differs from what anybody wrote down.
+    pub disturbances: Disturbances,
+}
+
+/// How a real cell differs from its description and its log.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Disturbances {
+    /// `flange_from_real_flange` by robot and configuration: a robot never stops at quite the same place.
+    pub stops: BTreeMap<(usize, u64), Pose>,
+    /// Poses of targets that move by themselves, by moving edge and configuration.
+    pub moving: BTreeMap<(usize, u64), Pose>,
+    /// A static edge that somebody bumped: from a configuration on, its pose is this.
+    pub bumped: Option<(usize, u64, Pose)>,
 }
 
 /// Beyond this angle (rad) between a face's normal and the line of sight, a tag is too slanted to be seen: 75 degrees.
 const SLANTED: f64 = 1.31;
 
 impl<'a> Cell<'a> {
-    /// A cell from its layout and the motion in a recording.
+    /// A cell from its layout and the motion in a recording, undisturbed.
     #[must_use]
     pub fn new(layout: &'a Layout, recording: &'a Recording) -> Self {
-        Self { layout, tree: FrameTree::new(layout), recording }
+        Self::with_tree(layout, recording, Arc::new(FrameTree::new(layout)))
     }
 
-    /// `from_from_to` at a configuration; `None` if a pose on the way is not known, a robot was not recorded, or something moves by itself.
+    /// As [`Cell::new`], with frames that were made before.
+    #[must_use]
+    pub fn with_tree(layout: &'a Layout, recording: &'a Recording, tree: Arc<FrameTree>) -> Self {
+        Self { layout, tree, recording, disturbances: Disturbances::default() }
+    }
+
+    /// `from_from_to` at a configuration; `None` if a pose on the way is not known or a robot was not recorded.
     #[must_use]
     pub fn pose(&self, from: FrameId, to: FrameId, configuration: u64) -> Option<Pose> {
         self.tree.path(from, to).steps.iter().try_fold(Pose::identity(), |pose, step| {
             let (value, inverse) = match *step {
-                Step::Static { edge, inverse } => (self.tree.static_edges[edge].spec.truth()?, inverse),
-                Step::Moving { .. } => return None,
+                Step::Static { edge, inverse } => (self.static_pose(edge, configuration)?, inverse),
+                Step::Moving { edge, inverse } => (*self.disturbances.moving.get(&(edge, configuration))?, inverse),
                 Step::Robot { robot, from, to, inverse } => {
-                    (self.recording.robot_segment(self.layout, robot, configuration, from, to)?, inverse)
+                    (self.robot_segment(robot, configuration, from, to)?, inverse)
                 }
             };
             Some(pose * if inverse { value.inverse() } else { value })
         })
+    }
+
+    fn static_pose(&self, edge: usize, configuration: u64) -> Option<Pose> {
+        match self.disturbances.bumped {
+            Some((bumped, from, pose)) if bumped == edge && configuration >= from => Some(pose),
+            _ => self.tree.static_edges[edge].spec.truth(),
+        }
+    }
+
+    fn robot_segment(&self, robot: usize, configuration: u64, from: usize, to: usize) -> Option<Pose> {
+        let nominal = self.recording.robot_segment(self.layout, robot, configuration, from, to)?;
+        let at_flange = to + 1 == self.tree.robots[robot].len();
+        match self.disturbances.stops.get(&(robot, configuration)) {
+            Some(flange_from_real) if at_flange => Some(nominal * *flange_from_real),
+            _ => Some(nominal),
+        }
     }
 
     /// The pixel of a point that lies on a face looking along `normal` (both in the camera's frame), if the camera sees it: in front, not too slanted, in the

@@ -7,4 +7,7 @@ pub mod compare;
 pub mod demo;
 pub mod detect;
 pub mod identify;
+mod localise;
+pub mod published;
+pub mod simulate;
 pub mod solve;

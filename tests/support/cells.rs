@@ -24,13 +24,24 @@ pub fn hidden(text: &str) -> String {
     text.lines().filter(|line| !line.trim_start().starts_with("pose:")).map(|line| format!("{line}\n")).collect()
 }
 
-/// The truth of the two-robot cell. Its bin has a second tag of unknown place, which truth gives here.
+/// The layout with nothing hidden.
+fn revealed(text: &str) -> String {
+    text.replace(", unknown: true", "")
+}
+
+/// The truth of the two-robot cell.
 pub fn two_robot_truth() -> String {
-    let places = "tags: {dictionary: 6x6_250, places: [{id: 60, size: 80, pose: {xyz: [0, 0, 0], rpy: [0, 0, 0]}}, \
-                  {id: 61, size: 80, pose: {xyz: [150, 12, -9], rpy: [3, -6, 8]}}]}";
-    let text = TWO_ROBOTS.replace("tags: {dictionary: 6x6_250, size: 80, ids: [60, 61]}", places);
-    assert_ne!(text, TWO_ROBOTS);
-    text
+    revealed(TWO_ROBOTS)
+}
+
+/// The truth of the cell with one robot, three cameras and a cube of tags.
+pub fn one_robot_truth() -> String {
+    revealed(include_str!("../../layouts/one_robot.yaml"))
+}
+
+/// A path for the cell with one robot on which its cameras see what they need.
+pub fn one_robot_path(stops: u64) -> Vec<RobotMotion> {
+    cellmap::simulate::paths::generate(&layout(&one_robot_truth()), stops, 1).unwrap_or_else(|e| panic!("{e}"))
 }
 
 /// Joint values around a middle, the same for the same seed.
@@ -66,5 +77,5 @@ pub fn solve(layout: Layout, recording: &Recording) -> Solved {
 pub fn true_pose(truth: &Layout, key: &str) -> Pose {
     let tree = cellmap::frames::FrameTree::new(truth);
     let edge = tree.static_edges.iter().find(|edge| edge.key == key).unwrap_or_else(|| panic!("no {key}"));
-    edge.spec.pose().unwrap()
+    edge.spec.truth().unwrap()
 }
