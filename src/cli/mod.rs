@@ -83,9 +83,7 @@ pub fn run() -> ExitCode {
     output::exit_cleanly_on_interrupt();
     let (json, outcome) = match cli.command {
         Command::Check(command) => (command.common.json, command.run()),
-<<<<<<< HEAD
         Command::Print(command) => (command.common.json, command.run()),
-=======
         Command::Simulate(command) => (command.common.json, command.run()),
         Command::Detect(command) => (command.common.json, command.run()),
         Command::Solve(command) => (command.common.json, command.run()),
