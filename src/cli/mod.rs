@@ -4,13 +4,16 @@
 
 mod check;
 mod compare;
+mod completions;
 mod demo;
 mod detect;
 mod export;
 mod identify;
+mod new;
 mod output;
 mod print;
 mod report;
+mod schema;
 mod simulate;
 mod solve;
 
@@ -31,6 +34,8 @@ struct Cli {
 
 #[derive(Subcommand, Debug)]
 enum Command {
+    /// Write a layout to begin with
+    New(new::New),
     /// Explain a layout in words and say what is missing
     Check(check::Check),
     /// Draw the targets in true size as PDF
@@ -51,6 +56,12 @@ enum Command {
     Export(export::Export),
     /// Render the paper's simulation, detect, solve and compare with the truth
     Demo(demo::Demo),
+    /// The JSON Schema of the files, for editors
+    Schema(schema::Schema),
+    /// Completions for a shell
+    Completions(completions::Completions),
+    /// The manual page
+    Man(completions::Man),
 }
 
 /// What every command on a layout takes.
@@ -82,6 +93,7 @@ pub fn run() -> ExitCode {
     let cli = Cli::parse();
     output::exit_cleanly_on_interrupt();
     let (json, outcome) = match cli.command {
+        Command::New(command) => (command.json, command.run()),
         Command::Check(command) => (command.common.json, command.run()),
         Command::Print(command) => (command.common.json, command.run()),
         Command::Simulate(command) => (command.common.json, command.run()),
@@ -92,6 +104,9 @@ pub fn run() -> ExitCode {
         Command::Report(command) => (command.common.json, command.run()),
         Command::Export(command) => (command.common.json, command.run()),
         Command::Demo(command) => (command.json, command.run()),
+        Command::Schema(command) => (false, command.run()),
+        Command::Completions(command) => (false, command.run()),
+        Command::Man(command) => (false, command.run()),
     };
     match outcome {
         Ok(code) => code,

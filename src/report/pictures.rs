@@ -103,7 +103,8 @@ fn figure(
 /// The part of a picture that holds all corners: left, top, width, height (px), as wide to high as the picture, whole pixels.
 fn cut_out(corners: &Corners, [width, height]: [f64; 2]) -> [f64; 4] {
     let side = |axis: usize, whole: f64| {
-        let (least, most) = corners.iter().map(|(pixel, _)| pixel[axis]).fold((whole, 0.0), |(a, b), v| (v.min(a), v.max(b)));
+        let (least, most) =
+            corners.iter().map(|(pixel, _)| pixel[axis]).fold((whole, 0.0), |(a, b), v| (v.min(a), v.max(b)));
         (0.5 * (least + most), 1.5 * (most - least) / whole)
     };
     let ((u, across), (v, down)) = (side(0, width), side(1, height));

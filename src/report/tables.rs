@@ -109,7 +109,10 @@ pub(super) fn summary(input: &ReportInput<'_>) -> String {
     fact("set aside", whole("rejected"));
     html.push_str("</dl>");
     if fit.get("converged").and_then(Value::as_bool) != Some(true) {
-        html.push_str(&format!("<p class=\"warn\">The search did not end well: {}.</p>", prose(&text(fit.get("termination")))));
+        html.push_str(&format!(
+            "<p class=\"warn\">The search did not end well: {}.</p>",
+            prose(&text(fit.get("termination")))
+        ));
     }
     let open = items(f.get("undetermined")).len();
     if open > 0 {

@@ -11,9 +11,9 @@
 //! model whose last frame is not the controller's flange gives tools that differ by what lies between.
 
 use super::Format;
-use super::angles::{number, numbers, roll_pitch_yaw};
 use super::camera_info::FilesAndNotes;
 use super::cell::Cell;
+use super::text::{number, numbers};
 use crate::complaint::{Complaint, InputError};
 use crate::geometry::{Pose, rotation};
 
@@ -27,7 +27,7 @@ pub fn ur_pose(pose: &Pose) -> [f64; 6] {
 /// KUKA's frame: X, Y, Z (mm), A, B, C (deg).
 #[must_use]
 pub fn kuka_frame(pose: &Pose) -> [f64; 6] {
-    let (t, [roll, pitch, yaw]) = (pose.translation * 1e3, roll_pitch_yaw(pose).map(f64::to_degrees));
+    let (t, [roll, pitch, yaw]) = (pose.translation * 1e3, rotation::to_rpy(&pose.rotation).map(f64::to_degrees));
     [t.x, t.y, t.z, yaw, pitch, roll]
 }
 
@@ -42,7 +42,7 @@ pub fn abb_orientation(pose: &Pose) -> [f64; 4] {
 /// FANUC's position: X, Y, Z (mm), W, P, R (deg).
 #[must_use]
 pub fn fanuc_pose(pose: &Pose) -> [f64; 6] {
-    let (t, [roll, pitch, yaw]) = (pose.translation * 1e3, roll_pitch_yaw(pose).map(f64::to_degrees));
+    let (t, [roll, pitch, yaw]) = (pose.translation * 1e3, rotation::to_rpy(&pose.rotation).map(f64::to_degrees));
     [t.x, t.y, t.z, roll, pitch, yaw]
 }
 

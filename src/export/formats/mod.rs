@@ -3,7 +3,6 @@
 //! Every format starts from the same [`Cell`]: frames, each with its parent and `parent_from_child`, in metres. What a format cannot hold is never
 //! dropped in silence: it is a complaint where the result would be wrong without it, and a note otherwise.
 
-pub mod angles;
 mod camera_info;
 mod cell;
 mod kalibr;
@@ -11,6 +10,7 @@ mod makers;
 mod opencv;
 mod ros2;
 mod tables;
+mod text;
 mod urdf;
 
 use std::path::PathBuf;

@@ -1,7 +1,7 @@
 //! OpenCV FileStorage YAML: lenses of all cameras, and every frame as a 4 x 4 matrix.
 
-use super::angles::numbers;
 use super::cell::Cell;
+use super::text::numbers;
 use crate::complaint::InputError;
 use crate::geometry::{LensModel, Pose};
 

@@ -2,8 +2,8 @@
 //!
 //! What a robot's joints move is left to the robot's own driver, so its links are not among them; what hangs on a flange is, under the flange's name.
 
-use super::angles::number;
 use super::cell::{Cell, Joint, JointMotion};
+use super::text::number;
 use crate::complaint::{Complaint, InputError};
 use crate::layout::Document;
 

@@ -1,8 +1,8 @@
 //! The cell as one URDF, and the same as a xacro macro.
 
-use super::angles::{number, numbers, roll_pitch_yaw};
 use super::cell::{Cell, Joint, JointMotion};
-use crate::geometry::Pose;
+use super::text::{number, numbers};
+use crate::geometry::{Pose, rotation};
 
 /// The cell as URDF. Corrected links are built in; limits are unknown here and left open.
 pub(super) fn urdf(cell: &Cell<'_>) -> String {
@@ -94,7 +94,7 @@ fn link(joint: &Joint, joints: &[Joint], prefix: &str, text: &mut String) {
 }
 
 fn origin(pose: &Pose) -> String {
-    let (xyz, rpy) = (numbers(pose.translation.as_slice(), " "), numbers(&roll_pitch_yaw(pose), " "));
+    let (xyz, rpy) = (numbers(pose.translation.as_slice(), " "), numbers(&rotation::to_rpy(&pose.rotation), " "));
     format!("<origin xyz=\"{xyz}\" rpy=\"{rpy}\"/>")
 }
 
