@@ -44,7 +44,8 @@ fn block(plate: Plate) -> Block {
     let inner = plate.size[0].max(NARROWEST);
     let lines: Vec<String> = plate.caption.iter().flat_map(|text| wrap(text, WORDS, inner - MARK)).collect();
     let below = (lines.len() as f64 * LINE).max(if plate.axes.is_empty() { 0.0 } else { MARK - 1.0 });
-    let size = [inner + 2.0 * AROUND, plate.size[1] + 2.0 * AROUND + below + 1.5];
+    let below = if below > 0.0 { below + 1.5 } else { 0.0 };
+    let size = [inner + 2.0 * AROUND, plate.size[1] + 2.0 * AROUND + below];
     let mut shapes = Vec::new();
     if plate.crop {
         crop_marks([AROUND, AROUND], plate.size, &mut shapes);

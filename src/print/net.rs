@@ -13,10 +13,13 @@
 use nalgebra::Vector3;
 
 use super::plate::{Plate, PrintedTag, tag};
-use super::shapes::{Point, Shape, words};
+use super::shapes::{Point, Shape, words, wrap};
 use crate::geometry::dictionary::Dictionary;
 use crate::geometry::{Pose, TagFace, target::tag_corners};
 use crate::layout::Target;
+
+/// Height of words, mm.
+const WORDS: f64 = 2.5;
 
 /// A face on the paper: column and row in the net, outward normal, and the directions in the target's frame of the paper's right and up.
 struct Face {
@@ -42,7 +45,7 @@ fn faces() -> [Face; 6] {
 /// The net of a cube of edge `edge` (mm).
 pub(super) fn net(target: &Target, tag_faces: &[TagFace], dictionary: Dictionary, edge: f64) -> Plate {
     // Wide enough to hold glue, narrow enough to fold in.
-    let flap = (0.18 * edge).clamp(6.0, 15.0);
+    let flap = (0.12 * edge).clamp(5.0, 12.0);
     let origin = [flap, flap];
     let corner_of = |cell: [f64; 2]| [origin[0] + cell[0] * edge, origin[1] + cell[1] * edge];
     let mut shapes = Vec::new();
@@ -76,19 +79,19 @@ pub(super) fn net(target: &Target, tag_faces: &[TagFace], dictionary: Dictionary
     outline(origin, edge, flap, &mut shapes);
     let size = [4.0 * edge + 2.0 * flap, 3.0 * edge + 2.0 * flap];
     let tag_size = tag_faces.first().map_or(0.0, |face| face.size * 1e3);
-    let caption = vec![
-        format!(
-            "{}: cube of {edge:.2} mm, tags of {}; cut along the outline, fold along the dashes, glue the flaps",
-            target.name,
-            dictionary.name()
-        ),
+    let caption = [
+        format!("{}: cube of {edge:.2} mm, tags of {}", target.name, dictionary.name()),
+        "cut along the outline, fold along the dashes, glue the flaps; +z is the lid".to_owned(),
         format!(
             "measure after printing: each black square {tag_size:.2} mm, four faces side by side {:.2} mm",
             4.0 * edge
         ),
-        "+z is the lid; the target's frame is the middle of the cube".to_owned(),
     ];
-    Plate { title: target.name.clone(), caption, size, shapes, tags, crop: false, axes: Vec::new() }
+    // The net leaves room beside the lid.
+    let left = origin[0] + 2.0 * edge + 2.0 * flap;
+    let lines = caption.iter().flat_map(|text| wrap(text, WORDS, 2.0 * edge - 2.0 * flap)).enumerate();
+    shapes.extend(lines.map(|(i, text)| words([left, flap + 3.4 * (i + 1) as f64], WORDS, 0.25, text)));
+    Plate { title: target.name.clone(), caption: Vec::new(), size, shapes, tags, crop: false, axes: Vec::new() }
 }
 
 /// Dashed lines between faces and at flaps.
@@ -147,6 +150,6 @@ fn outline(origin: Point, edge: f64, flap: f64, shapes: &mut Vec<Shape>) {
     shapes.push(Shape::Line { points, width: 0.2, grey: 0.0, dash: None });
     let glue = [[1.5, -0.5 * f], [1.5, 3.0 + 0.6 * f]];
     for [x, y] in glue {
-        shapes.push(words([origin[0] + x * edge - 2.5, origin[1] + y * edge], 2.0, 0.6, "glue"));
+        shapes.push(words([origin[0] + x * edge - 2.5, origin[1] + y * edge], 1.8, 0.6, "glue"));
     }
 }

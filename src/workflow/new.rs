@@ -6,7 +6,7 @@
 use nalgebra::{Matrix3, Vector3};
 use thiserror::Error;
 
-use crate::geometry::rotation;
+use crate::geometry::{Pose, rotation};
 use crate::layout::builtin::robot_model;
 
 /// A robot to be written.
@@ -178,16 +178,23 @@ impl NewCell {
         let standing =
             self.targets.iter().find(|(placed, _)| placed.mount.is_none()).map(|(placed, _)| placed.name.clone());
         let world = standing.clone().or_else(|| self.robots.first().map(|robot| format!("{}.base", robot.name)));
-        let world = world.unwrap_or_else(|| "table".to_owned());
+        let world = world.unwrap_or_else(|| self.targets[0].0.name.clone());
+        // Everything is placed on a table, then told from the world.
+        let first = self.targets.iter().find(|(placed, _)| placed.mount.is_none());
+        let table_from_world = match first {
+            Some((_, kind)) => table_from_target(*kind, 0),
+            None => table_from_base(0, self.robots.len()),
+        };
+        let world_from_table = table_from_world.inverse();
         let mut text = format!(
             "# A workcell. Next: cellmap check, then cellmap print, then record (or cellmap simulate), cellmap detect and cellmap solve.\n\
              # Everything marked `unknown: true` is to be found: the numbers are only for a simulation, and a solver is never told\n\
              # them. In a cell of your own you may leave these poses out. A pose without the mark is taken as exact.\n\
              cellmap: 1\nunits: {{length: mm, angle: deg}}\nworld: {world:<32}# the frame whose pose is the identity\n"
         );
-        self.write_cameras(&mut text);
-        self.write_robots(&world, &mut text);
-        self.write_targets(&world, &mut text);
+        self.write_cameras(&world_from_table, &mut text);
+        self.write_robots(&world, &world_from_table, &mut text);
+        self.write_targets(&world, &world_from_table, &mut text);
         text.push_str("solve: {loss: {huber: 1.5}, pixel_sigma: 0.1}\n");
         let built_in = |robot: &&NewRobot| matches!(&robot.model, NewModel::BuiltIn(_));
         text.push_str("simulate:                             # only for `cellmap simulate`\n  configurations: 20\n");
@@ -207,7 +214,7 @@ impl NewCell {
         Ok(text)
     }
 
-    fn write_cameras(&self, text: &mut String) {
+    fn write_cameras(&self, world_from_table: &Pose, text: &mut String) {
         if self.cameras.is_empty() {
             return;
         }
@@ -224,14 +231,14 @@ impl NewCell {
                     "    mount: {mount:<30}# eye-in-hand\n    pose: {{xyz: [0, -75, 20], rpy: [12, 0, 0], unknown: true}}\n"
                 )),
                 None => {
-                    text.push_str(&format!("    # refine: [focal, centre]         # find these too\n    pose: {}\n", camera_pose(standing)));
+                    text.push_str(&format!("    # refine: [focal, centre]         # find these too\n    pose: {}\n", words(&(*world_from_table * table_from_camera(standing)))));
                     standing += 1;
                 }
             }
         }
     }
 
-    fn write_robots(&self, world: &str, text: &mut String) {
+    fn write_robots(&self, world: &str, world_from_table: &Pose, text: &mut String) {
         if self.robots.is_empty() {
             return;
         }
@@ -251,18 +258,21 @@ impl NewCell {
                 }
             }
             if world != format!("{}.base", robot.name) {
-                text.push_str(&format!("    pose: {}\n", robot_pose(i, self.robots.len())));
+                text.push_str(&format!(
+                    "    pose: {}\n",
+                    words(&(*world_from_table * table_from_base(i, self.robots.len())))
+                ));
             }
         }
     }
 
-    fn write_targets(&self, world: &str, text: &mut String) {
+    fn write_targets(&self, world: &str, world_from_table: &Pose, text: &mut String) {
         text.push_str("targets:\n");
         // Tags are numbered on, so that no two targets share one.
         let (mut next, mut standing) = (0, 0);
         for (placed, kind) in &self.targets {
             text.push_str(&format!("  {}:\n", placed.name));
-            let (words, board, tags) = match kind {
+            let (geometry, board, tags) = match kind {
                 NewKind::Grid => (
                     format!(
                         "tags: {{dictionary: 6x6_250, grid: {{columns: 4, rows: 3, size: 42, gap: 12, first_id: {next}}}}}"
@@ -290,7 +300,7 @@ impl NewCell {
                     ("april_grid: {columns: 4, rows: 3, size: 42, spacing: 0.3}".to_owned(), false, 0)
                 }
             };
-            text.push_str(&format!("    {words}\n"));
+            text.push_str(&format!("    {geometry}\n"));
             next += tags;
             match &placed.mount {
                 Some(mount) => {
@@ -299,12 +309,12 @@ impl NewCell {
                         "    mount: {mount}\n    pose: {{xyz: [2, 3, 110], rpy: {rpy}, unknown: true}}\n"
                     ));
                 }
-                None if placed.name == *world => {}
                 None => {
-                    let rpy = if board { "[180, 1, 15]" } else { "[2, 1, 25]" };
-                    let place = [[-330, 60, 40], [320, 60, 30], [-250, -260, 25], [260, -280, 20]][standing % 4];
+                    if placed.name != *world {
+                        let pose = *world_from_table * table_from_target(*kind, standing);
+                        text.push_str(&format!("    pose: {}\n", words(&pose)));
+                    }
                     standing += 1;
-                    text.push_str(&format!("    pose: {{xyz: {place:?}, rpy: {rpy}, unknown: true}}\n"));
                 }
             }
         }
@@ -317,26 +327,48 @@ fn quoted(text: &str) -> String {
     if plain { text.to_owned() } else { format!("\"{}\"", text.replace('\\', "\\\\").replace('"', "\\\"")) }
 }
 
+/// A pose in a layout's words, rounded to what a tape measure gives.
+fn words(pose: &Pose) -> String {
+    let tenth = |value: f64| (value * 10.0).round() / 10.0 + 0.0;
+    let (t, rpy) =
+        (pose.translation.map(tenth), rotation::to_rpy(&pose.rotation).map(|angle| tenth(angle.to_degrees())));
+    format!("{{xyz: [{}, {}, {}], rpy: [{}, {}, {}], unknown: true}}", t.x, t.y, t.z, rpy[0], rpy[1], rpy[2])
+}
+
+/// A pose (mm, deg) on the table.
+fn at(xyz: [f64; 3], rpy: [f64; 3]) -> Pose {
+    Pose::new(rotation::from_rpy(rpy.map(f64::to_radians)), Vector3::from(xyz))
+}
+
 /// Cameras stand around the table and look at its middle.
-fn camera_pose(index: usize) -> String {
+fn table_from_camera(index: usize) -> Pose {
     let angle = [-128.0, -40.0, 50.0, 140.0, -85.0, 5.0][index % 6_usize];
     let angle = f64::to_radians(angle + 11.0 * (index / 6) as f64);
-    let at = Vector3::new(1150.0 * angle.cos(), 1050.0 * angle.sin(), 1000.0).map(f64::round);
+    let at = Vector3::new(1150.0 * angle.cos(), 1050.0 * angle.sin(), 1000.0);
     let z = (Vector3::new(0.0, 150.0, 100.0) - at).normalize();
     let x = z.cross(&Vector3::z()).normalize();
-    let matrix = Matrix3::from_columns(&[x, z.cross(&x), z]);
-    let rpy = rotation::to_rpy(&rotation::from_matrix(&matrix)).map(f64::to_degrees);
-    let [roll, pitch, yaw] = rpy.map(|angle| (angle * 10.0).round() / 10.0 + 0.0);
-    format!("{{xyz: [{}, {}, {}], rpy: [{roll}, {pitch}, {yaw}], unknown: true}}", at.x, at.y, at.z)
+    Pose::new(rotation::from_matrix(&Matrix3::from_columns(&[x, z.cross(&x), z])), at)
 }
 
 /// Robots stand around the table too.
-fn robot_pose(index: usize, count: usize) -> String {
+fn table_from_base(index: usize, count: usize) -> Pose {
     if count == 1 {
-        return "{xyz: [120, 420, -35], rpy: [0.4, -0.3, 31], unknown: true}".to_owned();
+        return at([120.0, 420.0, -35.0], [0.4, -0.3, 31.0]);
     }
     let angle = std::f64::consts::PI * (1.0 + 2.0 * index as f64 / count as f64);
-    let (x, y) = ((650.0 * angle.cos()).round() + 0.0, (650.0 * angle.sin() + 100.0).round());
-    let yaw = (angle.to_degrees() - 168.0).round();
-    format!("{{xyz: [{x}, {y}, -20], rpy: [0.3, -0.2, {yaw}], unknown: true}}")
+    at([650.0 * angle.cos(), 650.0 * angle.sin() + 100.0, -20.0], [0.3, -0.2, angle.to_degrees() - 168.0])
+}
+
+/// Targets lie on it; the first in its middle. A board's frame looks into the board.
+fn table_from_target(kind: NewKind, standing: usize) -> Pose {
+    let board = matches!(kind, NewKind::Checkerboard | NewKind::Charuco);
+    let over = if board { 180.0 } else { 0.0 };
+    match standing.checked_sub(1) {
+        None => at([0.0, 0.0, 0.0], [over, 0.0, 0.0]),
+        Some(next) => {
+            let place =
+                [[-330.0, 60.0, 40.0], [320.0, 60.0, 30.0], [-250.0, -260.0, 25.0], [260.0, -280.0, 20.0]][next % 4];
+            at(place, [over + 2.0, 1.0, 25.0])
+        }
+    }
 }
