@@ -27,6 +27,8 @@ use cellmap::layout::{Layout, read_layout};
 /// Maps a robotic workcell from camera pictures and joint values.
 #[derive(Parser, Debug)]
 #[command(name = "cellmap", version, about, max_term_width = 100)]
+#[command(after_help = "Example:\n  cellmap new cell.yaml && cellmap check cell.yaml && cellmap print cell.yaml\n  \
+                        cellmap detect cell.yaml && cellmap solve cell.yaml --report report.html")]
 struct Cli {
     #[command(subcommand)]
     command: Command,

@@ -108,6 +108,7 @@ fn refused(layout: &Path, error: &NewError) -> InputError {
             format!("built in are {}; or write `{name}=reported`, or use `--from-urdf FILE`", list(robot_names()))
         }
         NewError::Mount(..) => "name the robot before, or leave the `@` out".to_owned(),
+        NewError::Taken(_) => "give everything in the cell its own name".to_owned(),
         NewError::NoTarget => "name one, for example `--targets table:grid`".to_owned(),
     };
     Complaint::of(layout, error.to_string(), remedy).into()

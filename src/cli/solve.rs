@@ -12,6 +12,7 @@ use cellmap::report::report_solved;
 use cellmap::workflow::solve::{SolveRequest, Solved, solve};
 
 #[derive(Args, Debug)]
+#[command(after_help = "Example:\n  cellmap solve layout.yaml --report report.html")]
 pub(super) struct Solve {
     #[command(flatten)]
     pub(super) common: LayoutArguments,

@@ -93,6 +93,9 @@ pub enum NewError {
     /// A mount that is no robot's.
     #[error("`{0}` is mounted on `{1}`, which is no robot of the cell")]
     Mount(String, String),
+    /// A name that is given twice.
+    #[error("the name `{0}` is taken")]
+    Taken(String),
     /// Nothing to look at.
     #[error("the cell has no target")]
     NoTarget,
@@ -135,6 +138,7 @@ impl NewCell {
     pub fn add_cameras(&mut self, words: &[String]) -> Result<(), NewError> {
         for word in words {
             let placed = self.placed(word)?;
+            self.free(&placed.name)?;
             self.cameras.push(placed);
         }
         Ok(())
@@ -153,9 +157,17 @@ impl NewCell {
             let (_, kind) = found.ok_or_else(|| NewError::Kind(kind.to_owned()))?;
             let whole = mount.map_or_else(|| name.to_owned(), |mount| format!("{name}@{mount}"));
             let placed = self.placed(&whole)?;
+            self.free(&placed.name)?;
             self.targets.push((placed, *kind));
         }
         Ok(())
+    }
+
+    fn free(&self, name: &str) -> Result<(), NewError> {
+        let robots = self.robots.iter().map(|robot| &robot.name);
+        let things =
+            self.cameras.iter().chain(self.targets.iter().map(|(placed, _)| placed)).map(|placed| &placed.name);
+        if robots.chain(things).any(|known| known == name) { Err(NewError::Taken(name.to_owned())) } else { Ok(()) }
     }
 
     fn placed(&self, word: &str) -> Result<Placed, NewError> {
