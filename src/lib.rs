@@ -14,7 +14,8 @@
 //! [`geometry`] (transforms, lenses, targets), [`robot`] (chains), [`layout`] (YAML to a checked model), [`recording`] (CSV files),
 //! [`frames`] (who hangs on what), [`detect`] (pixels to corners), [`initialise`] (no guess needed), [`mod@solve`] (the least squares), [`trust`]
 //! (what is certain), [`identify`] (the published method), [`simulate`] (truth to test against), [`workflow`] (the commands as functions),
-//! [`export`] (what others read).
+//! [`export`] (what others read), [`mod@print`] (targets on paper), [`report`] (what people look at), [`schema`]
+//! (every key, for editors and the book).
 //!
 //! # Example
 //! Two poses and a point:
@@ -55,8 +56,11 @@ pub mod geometry;
 pub mod identify;
 pub mod initialise;
 pub mod layout;
+pub mod print;
 pub mod recording;
+pub mod report;
 pub mod robot;
+pub mod schema;
 pub mod simulate;
 pub mod solve;
 pub mod trust;

@@ -10,6 +10,7 @@ use cellmap::export::Document;
 use cellmap::workflow::check::{check, tree_of};
 
 #[derive(Args, Debug)]
+#[command(after_help = "Example:\n  cellmap check layout.yaml")]
 pub(super) struct Check {
     #[command(flatten)]
     pub(super) common: LayoutArguments,

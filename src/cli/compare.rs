@@ -11,6 +11,7 @@ use cellmap::layout::read_layout;
 use cellmap::workflow::compare::{Comparison, compare};
 
 #[derive(Args, Debug)]
+#[command(after_help = "Example:\n  cellmap compare cell/solution.yaml cell/truth.yaml")]
 pub(super) struct Compare {
     /// The first layout, usually a solution
     first: PathBuf,

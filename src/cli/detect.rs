@@ -13,6 +13,9 @@ use cellmap::recording::DEFAULT_DETECTIONS;
 use cellmap::workflow::detect::{Detected, Watch, detect};
 
 #[derive(Args, Debug)]
+#[command(
+    after_help = "Example:\n  cellmap detect layout.yaml\n  cellmap detect layout.yaml --recording monday --out monday.csv"
+)]
 pub(super) struct Detect {
     #[command(flatten)]
     pub(super) common: LayoutArguments,

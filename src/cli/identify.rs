@@ -12,6 +12,7 @@ use cellmap::geometry::rotation;
 use cellmap::workflow::identify::{Identified, IdentifyRequest, identify};
 
 #[derive(Args, Debug)]
+#[command(after_help = "Example:\n  cellmap identify layout.yaml --robot ur3 --sensor cam1")]
 pub(super) struct Identify {
     #[command(flatten)]
     pub(super) common: LayoutArguments,

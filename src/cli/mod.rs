@@ -4,10 +4,16 @@
 
 mod check;
 mod compare;
+mod completions;
 mod demo;
 mod detect;
+mod export;
 mod identify;
+mod new;
 mod output;
+mod print;
+mod report;
+mod schema;
 mod simulate;
 mod solve;
 
@@ -21,6 +27,8 @@ use cellmap::layout::{Layout, read_layout};
 /// Maps a robotic workcell from camera pictures and joint values.
 #[derive(Parser, Debug)]
 #[command(name = "cellmap", version, about, max_term_width = 100)]
+#[command(after_help = "Example:\n  cellmap new cell.yaml && cellmap check cell.yaml && cellmap print cell.yaml\n  \
+                        cellmap detect cell.yaml && cellmap solve cell.yaml --report report.html")]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -28,8 +36,12 @@ struct Cli {
 
 #[derive(Subcommand, Debug)]
 enum Command {
+    /// Write a layout to begin with
+    New(new::New),
     /// Explain a layout in words and say what is missing
     Check(check::Check),
+    /// Draw the targets in true size as PDF
+    Print(print::Print),
     /// Make a recording with known truth from a layout whose poses are known
     Simulate(simulate::Simulate),
     /// Find the corners of all targets in all pictures
@@ -40,8 +52,18 @@ enum Command {
     Identify(identify::Identify),
     /// Compare the poses of two layouts, or of a solution with a truth
     Compare(compare::Compare),
+    /// Show a solution as one HTML file with figures
+    Report(report::Report),
+    /// Write the solved cell for other programs and controllers
+    Export(export::Export),
     /// Render the paper's simulation, detect, solve and compare with the truth
     Demo(demo::Demo),
+    /// The JSON Schema of the files, for editors
+    Schema(schema::Schema),
+    /// Completions for a shell
+    Completions(completions::Completions),
+    /// The manual page
+    Man(completions::Man),
 }
 
 /// What every command on a layout takes.
@@ -73,13 +95,20 @@ pub fn run() -> ExitCode {
     let cli = Cli::parse();
     output::exit_cleanly_on_interrupt();
     let (json, outcome) = match cli.command {
+        Command::New(command) => (command.json, command.run()),
         Command::Check(command) => (command.common.json, command.run()),
+        Command::Print(command) => (command.common.json, command.run()),
         Command::Simulate(command) => (command.common.json, command.run()),
         Command::Detect(command) => (command.common.json, command.run()),
         Command::Solve(command) => (command.common.json, command.run()),
         Command::Identify(command) => (command.common.json, command.run()),
         Command::Compare(command) => (command.json, command.run()),
+        Command::Report(command) => (command.common.json, command.run()),
+        Command::Export(command) => (command.common.json, command.run()),
         Command::Demo(command) => (command.json, command.run()),
+        Command::Schema(command) => (false, command.run()),
+        Command::Completions(command) => (false, command.run()),
+        Command::Man(command) => (false, command.run()),
     };
     match outcome {
         Ok(code) => code,

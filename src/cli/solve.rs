@@ -8,9 +8,11 @@ use super::output::{print_json, print_table, say};
 use super::{LayoutArguments, NOT_TRUSTWORTHY, use_threads};
 use cellmap::complaint::{Complaint, InputError};
 use cellmap::export::{Document, findings, solution};
+use cellmap::report::report_solved;
 use cellmap::workflow::solve::{SolveRequest, Solved, solve};
 
 #[derive(Args, Debug)]
+#[command(after_help = "Example:\n  cellmap solve layout.yaml --report report.html")]
 pub(super) struct Solve {
     #[command(flatten)]
     pub(super) common: LayoutArguments,
@@ -23,6 +25,9 @@ pub(super) struct Solve {
     /// Start from the poses of this layout or solution
     #[arg(long, value_name = "FILE")]
     start: Option<PathBuf>,
+    /// Also write a report with figures (HTML)
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
     /// Worker threads [default: one a core]; the result has the same bits for any number
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
@@ -38,11 +43,17 @@ impl Solve {
         solution::write(&out, &solved).map_err(|e| {
             Complaint::of(&out, format!("the file cannot be written: {e}"), "say where else with `--out FILE`")
         })?;
+        if let Some(report) = &self.report {
+            super::report::put(report, &report_solved(&solved, &request)?)?;
+        }
         if self.common.json {
             print_json(&as_json(&solved));
         } else {
             show(&solved);
             say!("wrote {} and the same as JSON", out.display());
+            if let Some(report) = &self.report {
+                say!("wrote {}: open it in a browser", report.display());
+            }
         }
         Ok(if solved.trustworthy() { ExitCode::SUCCESS } else { ExitCode::from(NOT_TRUSTWORTHY) })
     }

@@ -113,6 +113,29 @@ pub fn from_rpy([roll, pitch, yaw]: [f64; 3]) -> UnitQuaternion<f64> {
     UnitQuaternion::from_euler_angles(roll, pitch, yaw)
 }
 
+/// URDF's `rpy` of a rotation (rad): the inverse of [`from_rpy`].
+///
+/// Yaw is taken first and divided out, so that roll and pitch come from entries of full size: straight up and down, where the usual formula loses half
+/// its digits, the three still compose to the rotation within rounding.
+///
+/// ```
+/// use cellmap::geometry::rotation::{from_rpy, to_rpy};
+/// let steep = from_rpy([0.4, std::f64::consts::FRAC_PI_2, 0.1]);
+/// assert!(steep.angle_to(&from_rpy(to_rpy(&steep))) < 1e-12);
+/// ```
+#[must_use]
+pub fn to_rpy(rotation: &UnitQuaternion<f64>) -> [f64; 3] {
+    let r = rotation.to_rotation_matrix().into_inner();
+    let yaw = if r[(0, 0)].hypot(r[(1, 0)]) < 1e-9 { 0.0 } else { r[(1, 0)].atan2(r[(0, 0)]) };
+    let (sin, cos) = yaw.sin_cos();
+    // Rz(-yaw) R = Ry(pitch) Rx(roll).
+    let top = cos * r[(0, 0)] + sin * r[(1, 0)];
+    let middle = |column: usize| cos * r[(1, column)] - sin * r[(0, column)];
+    let pitch = (-r[(2, 0)]).atan2(top);
+    let roll = (-middle(2)).atan2(middle(1));
+    [roll, pitch, yaw]
+}
+
 /// The unit quaternion of an orthonormal right-handed matrix.
 #[must_use]
 pub fn from_matrix(matrix: &Matrix3<f64>) -> UnitQuaternion<f64> {

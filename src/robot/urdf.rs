@@ -84,3 +84,40 @@ pub fn read_chain(path: &Path, base: &str, tip: &str) -> Result<Chain, UrdfError
     }
     Ok(Chain { base_from_first: Pose::identity(), links, last_from_flange: pending })
 }
+
+/// The robot's name, and the links between which most joints lie: where a robot description that nobody has explained most likely begins and
+/// ends. Of equal branches the one that ends in `tool0`, `flange` or the like is taken.
+///
+/// # Errors
+/// When the file is not a URDF or has no joint that moves.
+pub fn longest_chain(path: &Path) -> Result<(String, String, String), UrdfError> {
+    let text = std::fs::read_to_string(path).map_err(|e| UrdfError::Unreadable(e.to_string()))?;
+    let robot = urdf_rs::read_from_string(&text).map_err(|e| UrdfError::Unreadable(e.to_string()))?;
+    let mut best: Option<((usize, bool, usize), String, String)> = None;
+    for link in &robot.links {
+        let (mut moving, mut steps, mut base) = (0, 0, link.name.as_str());
+        // From the first moving joint down, the chain's base is the link that this joint hangs on, or what is rigid with it above.
+        while let Some(joint) = robot.joints.iter().find(|joint| joint.child.link == base) {
+            if steps > robot.joints.len() {
+                break;
+            }
+            moving += usize::from(joint.joint_type != urdf_rs::JointType::Fixed);
+            steps += 1;
+            base = &joint.parent.link;
+        }
+        let known = ["tool0", "flange", "ee_link", "tcp"].iter().any(|name| link.name.ends_with(name));
+        let rank = (moving, known, usize::MAX - steps);
+        if moving > 0 && best.as_ref().is_none_or(|(other, ..)| rank > *other) {
+            best = Some((rank, base.to_owned(), link.name.clone()));
+        }
+    }
+    match best {
+        // A root called `world` is no part of the robot.
+        Some((_, base, tip)) => {
+            let below =
+                robot.joints.iter().find(|j| j.parent.link == base && base == "world").map(|j| j.child.link.clone());
+            Ok((robot.name.clone(), below.unwrap_or(base), tip))
+        }
+        None => Err(UrdfError::Unreadable("it has no joint that moves".to_owned())),
+    }
+}

@@ -1,13 +1,13 @@
 //! `check`: a layout explained in words, before anything runs.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use crate::complaint::{Complaint, InputError, nearest};
 use crate::frames::{Edge, FrameId, FrameTree, Freedom, pieces};
 use crate::geometry::Pattern;
 use crate::layout::images::{ImagePattern, PictureFile};
 use crate::layout::{Layout, Motion, PoseSpec};
-use crate::recording::{DEFAULT_DETECTIONS, Recording};
+use crate::recording::{DEFAULT_DETECTIONS, Recording, RobotMotion};
 use crate::solve::Plan;
 
 /// What `check` found.
@@ -36,7 +36,8 @@ pub struct Checked {
 /// # Errors
 /// Faults of the files of the recording; pictures of configurations without joint values.
 pub fn check(layout: &Layout) -> Result<Checked, InputError> {
-    let recording = Recording::read_motion(layout)?;
+    let blank = nothing_recorded(layout);
+    let recording = if blank { empty(layout) } else { Recording::read_motion(layout)? };
     let tree = FrameTree::new(layout);
     let mut checked = Checked {
         tree: draw(layout, &tree),
@@ -59,6 +60,7 @@ pub fn check(layout: &Layout) -> Result<Checked, InputError> {
             Motion::FlangePoses { .. } => "reported flange poses".to_owned(),
         };
         let stops = counted(motion.configurations().len(), "configuration");
+        let stops = if blank { "nothing recorded yet".to_owned() } else { stops };
         checked.facts.push(format!("robot `{}`: {how}, {stops}", robot.name));
     }
     let pictures = check_pictures(layout, &recording)?;
@@ -72,7 +74,7 @@ pub fn check(layout: &Layout) -> Result<Checked, InputError> {
                 format!("{width} x {height} {}{refined}", intrinsics.model().name())
             }
         };
-        if let (Some(images), true, false) = (&camera.images, found.is_empty(), layout.observations.given) {
+        if let (Some(images), true, false) = (&camera.images, found.is_empty(), layout.observations.given || blank) {
             checked.warnings.push(format!("camera `{}` has no pictures: nothing matches `{images}`", camera.name));
         }
         let seen = if camera.images.is_some() { counted(found.len(), "picture") } else { "no pictures".to_owned() };
@@ -100,6 +102,28 @@ pub fn check(layout: &Layout) -> Result<Checked, InputError> {
         checked.warnings.push(format!("the world `{}` is a frame of its own; did you mean `{meant}`?", layout.world));
     }
     Ok(checked)
+}
+
+/// Whether a cell has been described but not driven: no robot's file, no picture and no measurement is there.
+fn nothing_recorded(layout: &Layout) -> bool {
+    let moved = layout.robots.iter().any(|robot| match &robot.motion {
+        Motion::Joints { file, .. } | Motion::FlangePoses { file } => layout.recording.join(file).exists(),
+    });
+    let measured = layout.observations.given || layout.recording.join(DEFAULT_DETECTIONS).exists();
+    let seen = || {
+        let patterns = layout.cameras.iter().filter_map(|camera| ImagePattern::parse(camera.images.as_deref()?).ok());
+        patterns.into_iter().any(|pattern| !pattern.find(&layout.recording).is_empty())
+    };
+    !layout.robots.is_empty() && !moved && !measured && !seen()
+}
+
+/// A recording of nothing.
+fn empty(layout: &Layout) -> Recording {
+    let motions = layout.robots.iter().map(|robot| match &robot.motion {
+        Motion::Joints { .. } => RobotMotion::Joints(BTreeMap::new()),
+        Motion::FlangePoses { .. } => RobotMotion::Flange(BTreeMap::new()),
+    });
+    Recording { motions: motions.collect(), ..Recording::default() }
 }
 
 /// `1 tag`, `2 tags`.

@@ -8,6 +8,7 @@ pub mod demo;
 pub mod detect;
 pub mod identify;
 mod localise;
+pub mod new;
 pub mod published;
 pub mod simulate;
 pub mod solve;

@@ -1,0 +1,165 @@
+//! From an empty folder to a robot description, as the book tells it; `new` with its words; help, completions and the manual page.
+
+#[path = "support/program.rs"]
+mod program;
+
+use program::{contents, folder, json, run, stderr, stdout};
+
+fn fine(dir: &std::path::Path, arguments: &[&str]) -> std::process::Output {
+    let output = run(dir, arguments);
+    assert_eq!(output.status.code(), Some(0), "{arguments:?}\n{}\n{}", stdout(&output), stderr(&output));
+    output
+}
+
+/// The whole way; `pictures` needs a detector in this build.
+fn whole_way(pictures: bool) {
+    let dir = folder(&[]);
+    let at = dir.path();
+    fine(
+        at,
+        &[
+            "new",
+            "cell.yaml",
+            "--robots",
+            "ur5e",
+            "--cameras",
+            "left,right,wrist@ur5e",
+            "--targets",
+            "table:grid,tool:cube@ur5e,pallet:tag",
+        ],
+    );
+    // The one edit by hand: where the pallet stands.
+    let text = std::fs::read_to_string(at.join("cell.yaml")).unwrap();
+    let edited = text.replace(
+        "pose: {xyz: [-330, 60, 40], rpy: [2, 1, 25], unknown: true}",
+        "pose: {xyz: [-300, 40, 30], rpy: [0, 0, 10], unknown: true}",
+    );
+    assert_ne!(text, edited);
+    std::fs::write(at.join("cell.yaml"), edited).unwrap();
+    let checked = stdout(&fine(at, &["check", "cell.yaml"]));
+    assert!(checked.contains("├─ left  (unknown)") && checked.contains("The layout is fine."), "{checked}");
+    fine(at, &["print", "cell.yaml", "--paper", "a3"]);
+    assert!(std::fs::read(at.join("targets.pdf")).unwrap().starts_with(b"%PDF-"));
+    let mut simulate = vec!["simulate", "cell.yaml", "--out", "cell"];
+    if pictures {
+        simulate.push("--pictures");
+    }
+    fine(at, &simulate);
+    if pictures {
+        fine(at, &["detect", "cell/layout.yaml"]);
+    }
+    let solved = json(&fine(at, &["solve", "cell/layout.yaml", "--report", "report.html", "--json"]));
+    assert_eq!(solved["converged"], true);
+    let compared = json(&fine(at, &["compare", "cell/solution.yaml", "cell/truth.yaml", "--json"]));
+    assert!(compared["worst_translation_mm"].as_f64().unwrap() < 2.0, "{compared}");
+    fine(at, &["export", "cell/solution.yaml", "--to", "urdf", "--out", "cell.urdf"]);
+    let urdf = urdf_rs::read_file(at.join("cell.urdf")).unwrap();
+    assert!(urdf.links.iter().any(|link| link.name == "wrist_optical_frame"));
+    let html = std::fs::read_to_string(at.join("report.html")).unwrap();
+    assert_eq!(html.contains("data:image/jpeg;base64,"), pictures, "pictures are shown where there are some");
+}
+
+#[test]
+fn the_whole_way_from_an_empty_folder() {
+    whole_way(false);
+}
+
+#[cfg(feature = "opencv")]
+#[test]
+fn the_whole_way_with_pictures() {
+    whole_way(true);
+}
+
+#[test]
+fn a_new_layout_says_what_it_is_told() {
+    let dir = folder(&[]);
+    let at = dir.path();
+    // Without a terminal nothing is asked: defaults.
+    fine(at, &["new", "plain.yaml"]);
+    fine(at, &["check", "plain.yaml"]);
+    // Every kind of target, on tables and flanges, boards as worlds, several robots: all pass check and can be simulated and solved.
+    for (name, words) in [
+        ("boards.yaml", ["a=ur5e,b=ur10e", "n,e,s,w,h@b", "table:charuco,ta:cube@a,tb:checkerboard@b,p:aprilgrid"]),
+        ("twins.yaml", ["ur3,ur3", "one,two,three", "t:grid,x:charuco@ur3,y:tag@ur3_2"]),
+        ("hand.yaml", ["ur3", "c1,c2,c3", "tool:charuco@ur3"]),
+    ] {
+        fine(at, &["new", name, "--robots", words[0], "--cameras", words[1], "--targets", words[2]]);
+        fine(at, &["check", name]);
+        fine(at, &["simulate", name, "--out", "made", "--force"]);
+        fine(at, &["solve", "made/layout.yaml"]);
+    }
+    let before = contents(at);
+    let again = run(at, &["new", "plain.yaml"]);
+    assert_eq!(again.status.code(), Some(2));
+    assert!(
+        stderr(&again).contains("the file is there already") && stderr(&again).contains("--force"),
+        "{}",
+        stderr(&again)
+    );
+    for (words, what) in [
+        (["--robots", "ur6"], "there is no built-in robot `ur6`"),
+        (["--cameras", "a b"], "the name `a b` has a character that names cannot have"),
+        (["--targets", "t:pyramid"], "`pyramid` is no kind of target"),
+        (["--targets", "t:tag@nobody"], "`t` is mounted on `nobody`, which is no robot of the cell"),
+        (["--cameras", "left,left"], "the name `left` is taken"),
+    ] {
+        let output = run(at, &["new", "bad.yaml", words[0], words[1]]);
+        assert_eq!(output.status.code(), Some(2), "{words:?}");
+        assert!(stderr(&output).contains(what), "{}", stderr(&output));
+    }
+    assert_eq!(before, contents(at), "nothing was written");
+    fine(at, &["new", "plain.yaml", "--force", "--robots", "arm=reported"]);
+    assert!(std::fs::read_to_string(at.join("plain.yaml")).unwrap().contains("flange_poses: flange_poses.csv"));
+}
+
+#[test]
+fn a_robot_description_becomes_a_layout() {
+    let urdf = "<robot name=\"my arm\"><link name=\"world\"/><link name=\"base\"/><link name=\"l1\"/><link name=\"l2\"/><link name=\"tool0\"/><link name=\"lamp\"/>\
+        <joint name=\"w\" type=\"fixed\"><parent link=\"world\"/><child link=\"base\"/></joint>\
+        <joint name=\"a\" type=\"revolute\"><parent link=\"base\"/><child link=\"l1\"/><axis xyz=\"0 0 1\"/><limit lower=\"-1\" upper=\"1\" effort=\"1\" velocity=\"1\"/></joint>\
+        <joint name=\"b\" type=\"continuous\"><parent link=\"l1\"/><child link=\"l2\"/><axis xyz=\"0 1 0\"/></joint>\
+        <joint name=\"c\" type=\"fixed\"><parent link=\"l2\"/><child link=\"tool0\"/></joint>\
+        <joint name=\"d\" type=\"fixed\"><parent link=\"l2\"/><child link=\"lamp\"/></joint></robot>";
+    let dir = folder(&[("robots/arm.urdf", urdf)]);
+    fine(dir.path(), &["new", "cell.yaml", "--from-urdf", "robots/arm.urdf"]);
+    let text = std::fs::read_to_string(dir.path().join("cell.yaml")).unwrap();
+    assert!(text.contains("my_arm:\n    model: {urdf: robots/arm.urdf, base: base, tip: tool0}"), "{text}");
+    let checked = stdout(&fine(dir.path(), &["check", "cell.yaml"]));
+    assert!(checked.contains("robot `my_arm`: 2 joints, nothing recorded yet"), "{checked}");
+    let output = run(dir.path(), &["new", "other.yaml", "--from-urdf", "cell.yaml"]);
+    assert_eq!(output.status.code(), Some(2));
+}
+
+#[test]
+fn every_help_fits_a_screen_and_shows_an_example() {
+    let at = std::path::Path::new(".");
+    let all = stdout(&fine(at, &["--help"]));
+    let names: Vec<&str> = all
+        .lines()
+        .skip_while(|line| *line != "Commands:")
+        .skip(1)
+        .take_while(|line| !line.is_empty())
+        .filter_map(|line| line.split_whitespace().next())
+        .collect();
+    assert!(names.len() >= 14 && names.contains(&"new") && names.contains(&"export"), "{names:?}");
+    for name in names.iter().filter(|name| **name != "help") {
+        let help = stdout(&fine(at, &[name, "-h"]));
+        assert!(help.lines().count() <= 40, "{name}: {} lines", help.lines().count());
+        assert!(help.lines().all(|line| line.chars().count() <= 100), "{name}");
+        assert!(help.contains("Example"), "{name}");
+    }
+    assert!(all.lines().count() <= 40 && all.contains("Example"));
+}
+
+#[test]
+fn shells_and_manuals_know_the_commands() {
+    let at = std::path::Path::new(".");
+    for shell in ["bash", "zsh", "fish", "powershell", "elvish"] {
+        let text = stdout(&fine(at, &["completions", shell]));
+        assert!(text.contains("cellmap") && text.contains("simulate"), "{shell}");
+    }
+    let page = stdout(&fine(at, &["man"]));
+    assert!(page.contains(".TH cellmap") && page.contains("export"), "{page}");
+    assert!(stdout(&fine(at, &["man", "solve"])).contains("\\-\\-report"));
+    assert_eq!(run(at, &["man", "slove"]).status.code(), Some(2));
+}
