@@ -51,8 +51,6 @@ struct Group {
     inner: Lanes,
     outer: Lanes,
     shine: Lanes,
-    /// Whether `shine` is known.
-    known: bool,
     edge: Lanes,
     contrast: Lanes,
     projected: Lanes,
@@ -66,7 +64,6 @@ const EMPTY: Group = Group {
     inner: [1.0; LANES],
     outer: [1.0; LANES],
     shine: [0.0; LANES],
-    known: false,
     edge: [0.0; LANES],
     contrast: [0.0; LANES],
     projected: [0.0; LANES],
@@ -144,7 +141,6 @@ impl Stations {
         if let Some(group) = self.groups.last_mut() {
             group.u[lane] /= group.count[lane].max(1.0);
             (group.inner[lane], group.outer[lane]) = (inner, outer);
-            group.known = shine.is_some();
             group.shine[lane] = shine.unwrap_or(0.0);
         }
         self.stations += 1;
@@ -282,12 +278,10 @@ fn sweep_part<S: Simd>(
     let edge = lanes(simd, &group.edge, part);
     let shine = lanes(simd, &group.shine, part);
     let shines = group.shine.iter().any(|shine| *shine > 0.0);
-    // Pixels may be used to where the next edge, one cell away, has faded; that behind the border, where it is known, is in the
-    // model, what lies beyond the margin never is.
+    // Pixels may be used to where the next edge, one cell away, has faded.
     let farthest = number(widest.min(4.5 * blur));
-    let gate = |cell: Wide<S>, least: f32| (cell - number(2.0 * blur)).max(number(least) * cell).min(farthest);
-    let low = -gate(inner, if group.known { 0.9 } else { 0.55 });
-    let high = gate(lanes(simd, &group.outer, part), 0.45);
+    let gate = |cell: Wide<S>| (cell - number(2.0 * blur)).max(number(0.55) * cell).min(farthest);
+    let (low, high) = (-gate(inner), gate(lanes(simd, &group.outer, part)));
     // p: Phi, v: the value, g: the slope of Phi, h: its slope by the blur.
     let (mut n, mut p, mut pp, mut v, mut pv, mut vv) = (zero, zero, zero, zero, zero, zero);
     let (mut g, mut gp, mut gg, mut gv) = (zero, zero, zero, zero);
