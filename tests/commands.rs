@@ -46,7 +46,7 @@ fn the_demo_from_end_to_end() {
 
     // Drawings: one a picture that could be read.
     assert_eq!(run(&demo, &["detect", "layout.yaml", "--out", "again.csv", "--draw", "drawn"]).status.code(), Some(0));
-    assert_eq!(std::fs::read_dir(demo.join("drawn")).unwrap().count(), 45);
+    assert_eq!(std::fs::read_dir(demo.join("drawn")).unwrap().count(), 21);
 
     // Without OpenCV in the build, asking for it is an input error that says what to do.
     if cfg!(not(feature = "opencv")) {
