@@ -5,14 +5,12 @@
 
 use nalgebra::Vector3;
 
+use super::face::{Face, Patch};
 use super::rays::{Ray, RayTable};
-use super::solid::{Face, Patch, Solid};
+use super::solid::Solid;
 use super::texture::Textures;
+use super::tile::{TILE, Tile, ball};
 
-/// Edge of a tile, px.
-const TILE: usize = 16;
-/// Edge of a block within which light is first looked at in the corners only, px.
-const BLOCK: usize = 8;
 /// Most bodies whose surfaces are told apart in one pixel.
 const MOST_LAYERS: usize = 24;
 /// Light from all around, and from the lamp, that a white surface facing it returns.
@@ -37,9 +35,9 @@ pub struct Light {
 /// What still things send to a camera: the part from all around, the part from the lamp (shadows of still things taken off), and how far away they are (m).
 #[derive(Debug)]
 pub struct Layer {
-    ambient: Vec<f32>,
-    direct: Vec<f32>,
-    depth: Vec<f32>,
+    pub(super) ambient: Vec<f32>,
+    pub(super) direct: Vec<f32>,
+    pub(super) depth: Vec<f32>,
 }
 
 /// A camera's view of a cell.
@@ -89,60 +87,13 @@ impl Stack {
     }
 }
 
-/// A tile's pixels and the cone around their rays.
-struct Tile {
-    columns: std::ops::Range<usize>,
-    rows: std::ops::Range<usize>,
-    axis: Vector3<f64>,
-    tangent: f64,
-}
-
 /// A body with those that may stand in its light.
 struct Lit<'a> {
     solid: &'a Solid<'a>,
     shaded_by: Vec<&'a Solid<'a>>,
 }
 
-impl Tile {
-    /// Row and column of every pixel, row by row.
-    fn pixels(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
-        self.rows.clone().flat_map(|row| self.columns.clone().map(move |column| (row, column)))
-    }
-
-    /// Column and row of sixteen pixels spread over the tile.
-    fn lattice(&self, index: usize) -> [usize; 2] {
-        let place = |range: &std::ops::Range<usize>, i: usize| range.start + i * (range.len() - 1) / 3;
-        [place(&self.columns, index % 4), place(&self.rows, index / 4)]
-    }
-}
-
-/// A ball around the surface on which a lattice of points lies.
-fn ball(points: &[Vector3<f64>; 16]) -> (Vector3<f64>, f64) {
-    let middle = points.iter().sum::<Vector3<f64>>() / 16.0;
-    let radius = points.iter().map(|point| (point - middle).norm()).fold(0.0, f64::max);
-    (middle, 1.1 * radius + 0.002)
-}
-
 impl View<'_> {
-    /// The tiles of the picture that the lens shows anything in.
-    fn tiles(&self) -> impl Iterator<Item = Tile> + '_ {
-        let [width, height] = self.rays.size;
-        let starts = (0..height).step_by(TILE).flat_map(move |row| (0..width).step_by(TILE).map(move |c| (c, row)));
-        starts.map(move |(column, row)| {
-            let (columns, rows) = (column..(column + TILE).min(width), row..(row + TILE).min(height));
-            let rim = || {
-                let along = columns.clone().flat_map(|c| [(c, rows.start), (c, rows.end - 1)]);
-                along.chain(rows.clone().flat_map(|r| [(columns.start, r), (columns.end - 1, r)]))
-            };
-            let seen = || rim().filter_map(|(c, r)| self.rays.direction(c, r));
-            let axis = seen().sum::<Vector3<f64>>().try_normalize(1e-9).unwrap_or_else(Vector3::z);
-            let cosine = seen().map(|ray| ray.dot(&axis)).fold(1.0f64, f64::min).clamp(0.05, 1.0);
-            // A pixel more, for the areas of the pixels at the rim.
-            let tangent = (1.0 - cosine * cosine).sqrt() / cosine * (1.0 + 2.0 / TILE as f64) + 1e-6;
-            Tile { columns, rows, axis, tangent }
-        })
-    }
-
     /// Bodies with those that may shade them.
     fn lit<'b>(&self, bodies: &'b [Solid<'b>], casters: &[&'b Solid<'b>]) -> Vec<Lit<'b>> {
         let shades = |solid: &Solid<'b>, caster: &Solid<'b>| {
@@ -167,21 +118,6 @@ impl View<'_> {
         let squared = to_light.norm_squared();
         let strength = DIRECT * self.light.nominal / squared;
         (ambient, (strength * normal.dot(&to_light)).max(0.0))
-    }
-
-    /// The part of the lamp's light that reaches a point past some bodies.
-    fn passing(&self, point: &Vector3<f64>, casters: &[&Solid<'_>]) -> f64 {
-        let to_light = self.light.place - point;
-        let distance = to_light.norm();
-        let direction = to_light / distance;
-        let mut passing = 1.0;
-        for caster in casters {
-            passing *= 1.0 - caster.shade(point, &direction, distance, self.light.radius);
-            if passing < 1e-3 {
-                return 0.0;
-            }
-        }
-        passing
     }
 
     /// The bodies a tile's rays can meet, each with those that may shade the part of it that the tile shows.
@@ -302,7 +238,7 @@ impl View<'_> {
         let casters: Vec<&Solid<'_>> = bodies.iter().collect();
         let lit = self.lit(bodies, &casters);
         let mut stack = Stack { fragments: [NOTHING; MOST_LAYERS], count: 0 };
-        for tile in self.tiles() {
+        for tile in self.rays.tiles() {
             let mut near = self.pick(&lit, &tile);
             let room = self.walls(&tile);
             // Most tiles show one body and nothing else; its shadows can wait until all of them is known.
@@ -353,81 +289,6 @@ impl View<'_> {
         layer
     }
 
-    /// Lays shadows of still bodies over a tile whose surfaces are not shaded yet: floor and walls, or one body that fills it.
-    fn lay_shadows(&self, layer: &mut Layer, tile: &Tile, casters: &[&Solid<'_>], only_room: Option<&[Face<'_>]>) {
-        let Some((middle, radius)) = self.extent(layer, tile) else { return };
-        let reaches = |c: &&&Solid<'_>| c.near_shaft(&middle, radius, &self.light.place, self.light.radius);
-        let shading: Vec<&Solid<'_>> = casters.iter().filter(reaches).copied().collect();
-        if shading.is_empty() {
-            return;
-        }
-        let passing = self.passing_tile(layer, tile, &shading);
-        for (place, (row, column)) in tile.pixels().enumerate() {
-            let index = row * self.rays.size[0] + column;
-            if let Some(room) = only_room {
-                let Some(direction) = self.rays.direction(column, row) else { continue };
-                let behind = room.iter().filter_map(|face| face.distance(&direction)).fold(1e6, f64::min);
-                // A body here has been shaded as such.
-                if f64::from(layer.depth[index]) < behind * (1.0 - 1e-4) {
-                    continue;
-                }
-            }
-            layer.direct[index] *= passing[place];
-        }
-    }
-
-    /// The part of the lamp's light that reaches each pixel of a tile's still surfaces. Shadows are soft, so a block of pixels whose corners are all
-    /// lit alike is lit alike.
-    fn passing_tile(&self, layer: &Layer, tile: &Tile, casters: &[&Solid<'_>]) -> [f32; TILE * TILE] {
-        let (width, wide) = (self.rays.size[0], tile.columns.len());
-        let mut passing = [f32::NAN; TILE * TILE];
-        let one = |column: usize, row: usize| {
-            let depth = layer.depth[row * width + column];
-            let direction = self.rays.direction(column, row).unwrap_or_else(Vector3::z);
-            (self.passing(&(direction * f64::from(depth)), casters) as f32, depth)
-        };
-        // Blocks still to be looked at: first row, first column, edge.
-        let mut blocks: Vec<[usize; 3]> = Vec::with_capacity(8);
-        for top in tile.rows.clone().step_by(BLOCK) {
-            blocks.extend(tile.columns.clone().step_by(BLOCK).map(|left| [top, left, BLOCK]));
-        }
-        while let Some([top, left, edge]) = blocks.pop() {
-            let (bottom, right) = ((top + edge).min(tile.rows.end), (left + edge).min(tile.columns.end));
-            let corners = [one(left, top), one(right - 1, top), one(left, bottom - 1), one(right - 1, bottom - 1)];
-            let (first, depth) = corners[0];
-            let alike = corners.iter().all(|c| (c.0 - first).abs() < 2e-3 && (c.1 - depth).abs() < 0.05 * depth);
-            if !alike && edge == BLOCK {
-                let half = BLOCK / 2;
-                let places = [(top, left), (top, left + half), (top + half, left), (top + half, left + half)];
-                let inside = places.into_iter().filter(|(row, column)| *row < bottom && *column < right);
-                blocks.extend(inside.map(|(row, column)| [row, column, half]));
-                continue;
-            }
-            for row in top..bottom {
-                for column in left..right {
-                    let place = (row - tile.rows.start) * wide + column - tile.columns.start;
-                    passing[place] = if alike { first } else { one(column, row).0 };
-                }
-            }
-        }
-        passing
-    }
-
-    /// A ball around all that a tile shows.
-    fn extent(&self, layer: &Layer, tile: &Tile) -> Option<(Vector3<f64>, f64)> {
-        let (mut low, mut high) = (f64::INFINITY, 0.0f64);
-        for row in tile.rows.clone() {
-            let start = row * self.rays.size[0];
-            for depth in &layer.depth[start + tile.columns.start..start + tile.columns.end] {
-                let depth = f64::from(*depth);
-                if depth > 0.0 && depth < 1e5 {
-                    (low, high) = (low.min(depth), high.max(depth));
-                }
-            }
-        }
-        (high > 0.0).then(|| (tile.axis * (0.5 * (low + high)), 0.5 * (high - low) + high * tile.tangent))
-    }
-
     /// The light that reaches the lens: still things, moving bodies before them and their shadows. Row by row; 1 is white paper in full light.
     #[must_use]
     pub fn compose(&self, layer: &Layer, still: &[Solid<'_>], moving: &[Solid<'_>]) -> Vec<f32> {
@@ -436,7 +297,7 @@ impl View<'_> {
         let lit = self.lit(moving, &casters);
         let mut stack = Stack { fragments: [NOTHING; MOST_LAYERS], count: 0 };
         let mut shading = Vec::new();
-        for tile in self.tiles() {
+        for tile in self.rays.tiles() {
             let near = self.pick(&lit, &tile);
             shading.clear();
             if self.shadows

@@ -6,15 +6,19 @@
 //! A [`Scene`] is made once and shared by all threads. It keeps, for each camera, the ray of every pixel, and for a camera that does not move, what everything
 //! that stands still looks like; a picture then costs only what moves. [`render`] uses one thread; take many pictures at once to use more.
 
+mod bar;
 pub mod coverage;
 mod encode;
 mod exposure;
+mod face;
 mod layer;
 mod rays;
+mod shadows;
 mod solid;
 mod surroundings;
 mod targets;
 mod texture;
+mod tile;
 
 use nalgebra::{Matrix3, Vector3};
 use std::sync::OnceLock;
@@ -27,9 +31,10 @@ use super::cell::Cell;
 use crate::detect::GreyPicture;
 use crate::frames::{Edge, FrameId};
 use crate::geometry::{Pose, rotation};
+use face::Face;
 use layer::{Layer, Light, View};
 use rays::RayTable;
-use solid::{Face, Shape, Solid};
+use solid::{Shape, Solid};
 use surroundings::{Ground, Occupied, bar, block};
 use texture::{Finish, Textures};
 

@@ -2,7 +2,9 @@
 
 use nalgebra::Vector3;
 
-use super::coverage::{Footprint, Grid, half_plane};
+use super::bar::{capsule_patch, ray_to_segment};
+use super::coverage::Grid;
+use super::face::{Face, Patch};
 use super::rays::Ray;
 use super::texture::{Finish, Textures};
 use crate::geometry::Pose;
@@ -51,24 +53,6 @@ pub fn face_axes(face: usize) -> [Vector3<f64>; 3] {
     FACES[face].map(Vector3::from)
 }
 
-/// A face of a box turned towards the camera or the light.
-#[derive(Debug)]
-pub struct Face<'a> {
-    printed: Option<&'a Grid>,
-    half: [f64; 2],
-    origin: Vector3<f64>,
-    axes: [Vector3<f64>; 3],
-    /// With a ray's direction d: x = (by_x . d) / (normal . d), and so for y.
-    by_x: Vector3<f64>,
-    by_y: Vector3<f64>,
-    /// Lengths of the two, to bound how wide a pixel is on the face.
-    lengths: [f64; 2],
-    /// Along the normal from the camera to the plane; negative if the camera is before the face.
-    depth: f64,
-    tone: f32,
-    finish: Finish,
-}
-
 /// A body placed in the camera's frame.
 #[derive(Debug)]
 pub struct Solid<'a> {
@@ -91,19 +75,6 @@ pub enum Body<'a> {
     Block(Vec<Face<'a>>),
     /// A bar, with the reflectance of its side and its ends.
     Capsule(PlacedCapsule, f32, f32),
-}
-
-/// One surface of a body in a pixel.
-#[derive(Clone, Copy, Debug)]
-pub struct Patch {
-    /// The part of the pixel covered.
-    pub covered: f64,
-    /// Reflectance times covered part.
-    pub tone: f64,
-    /// Distance along the ray, m.
-    pub depth: f64,
-    /// Outward normal.
-    pub normal: Vector3<f64>,
 }
 
 impl<'a> Solid<'a> {
@@ -249,203 +220,4 @@ impl<'a> Solid<'a> {
 fn smooth(t: f64) -> f64 {
     let t = t.clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
-}
-
-impl Face<'_> {
-    /// Where a ray meets the face's plane, if from the front and not surely beside the face.
-    #[inline]
-    fn footprint(&self, ray: &Ray) -> Option<(Footprint, f64)> {
-        if self.depth >= 0.0 {
-            return None;
-        }
-        let normal = &self.axes[2];
-        let slope = normal.dot(&ray.direction);
-        // Seen edge-on within the pixel: nothing of it is visible.
-        if slope + ray.width >= 0.0 {
-            return None;
-        }
-        let scale = 1.0 / slope;
-        let centre = [self.by_x.dot(&ray.direction) * scale, self.by_y.dot(&ray.direction) * scale];
-        let is_beside = |axis: usize| {
-            let beside = centre[axis].abs() - self.half[axis];
-            beside > 0.0 && beside > (self.lengths[axis] + centre[axis].abs()) * ray.width * -scale
-        };
-        if is_beside(0) || is_beside(1) {
-            return None;
-        }
-        let (turn_right, turn_down) = (normal.dot(&ray.right), normal.dot(&ray.down));
-        let right = [
-            (self.by_x.dot(&ray.right) - centre[0] * turn_right) * scale,
-            (self.by_y.dot(&ray.right) - centre[1] * turn_right) * scale,
-        ];
-        let down = [
-            (self.by_x.dot(&ray.down) - centre[0] * turn_down) * scale,
-            (self.by_y.dot(&ray.down) - centre[1] * turn_down) * scale,
-        ];
-        Some((Footprint { centre, right, down }, self.depth * scale))
-    }
-
-    fn patch(&self, ray: &Ray, textures: &Textures) -> Option<Patch> {
-        let (footprint, depth) = self.footprint(ray)?;
-        let [hx, hy] = self.half;
-        let (covered, tone) = if let Some(grid) = self.printed {
-            grid.mean(&footprint)?
-        } else {
-            let Footprint { centre, right, down } = &footprint;
-            let (sx, sy) = (0.5 * (right[0].abs() + down[0].abs()), 0.5 * (right[1].abs() + down[1].abs()));
-            let (x, y) = (centre[0].abs(), centre[1].abs());
-            if x - sx >= hx || y - sy >= hy {
-                return None;
-            }
-            let covered = if x + sx <= hx && y + sy <= hy {
-                1.0
-            } else {
-                Grid::plain([-hx, -hy], [hx, hy], 1.0).mean(&footprint)?.0
-            };
-            (covered, covered * f64::from(self.tone * textures.sample(self.finish, &footprint)))
-        };
-        Some(Patch { covered, tone, depth, normal: self.axes[2] })
-    }
-}
-
-/// Between a ray from the origin (unit direction) and a bar's axis: distance, vector from the ray to the axis, and how far along the ray.
-#[inline]
-fn ray_to_segment(direction: &Vector3<f64>, capsule: &PlacedCapsule) -> (f64, Vector3<f64>, f64) {
-    let [a, b] = capsule.ends;
-    let along = b - a;
-    let flat_a = a - direction * direction.dot(&a);
-    let flat = along - direction * direction.dot(&along);
-    let length = flat.norm_squared();
-    let s = if length > 1e-18 { (-flat_a.dot(&flat) / length).clamp(0.0, 1.0) } else { 0.0 };
-    let nearest = a + along * s;
-    let depth = direction.dot(&nearest);
-    let apart = nearest - direction * depth;
-    (apart.norm(), apart, depth)
-}
-
-/// The surface of a bar in a pixel; its outline is replaced by its tangent.
-fn capsule_patch(capsule: &PlacedCapsule, tone: f32, lid: f32, ray: &Ray) -> Option<Patch> {
-    let (apart, towards, depth) = ray_to_segment(&ray.direction, capsule);
-    if depth <= 0.0 {
-        return None;
-    }
-    let outside = apart - capsule.radius;
-    let pixel = depth * ray.width;
-    if outside > pixel {
-        return None;
-    }
-    let covered = if outside < -pixel {
-        1.0
-    } else {
-        let unit = towards / -apart.max(1e-12);
-        half_plane(outside, [unit.dot(&ray.right) * depth, unit.dot(&ray.down) * depth])
-    };
-    if covered <= 0.0 {
-        return None;
-    }
-    let (depth, normal) = if outside < 0.0 {
-        let depth = capsule_depth(capsule, &ray.direction).unwrap_or(depth);
-        let point = ray.direction * depth;
-        let axis = capsule.ends[1] - capsule.ends[0];
-        let s = ((point - capsule.ends[0]).dot(&axis) / axis.norm_squared().max(1e-18)).clamp(0.0, 1.0);
-        (depth, (point - capsule.ends[0] - axis * s) / capsule.radius)
-    } else {
-        (depth, -towards / apart)
-    };
-    let axis = (capsule.ends[1] - capsule.ends[0]).try_normalize(1e-9).unwrap_or_else(Vector3::zeros);
-    let end = ((normal.dot(&axis).abs() - 0.72) * 40.0).clamp(0.0, 1.0);
-    let tone = f64::from(tone) + end * f64::from(lid - tone);
-    Some(Patch { covered, tone: covered * tone, depth, normal })
-}
-
-/// Where a ray enters a bar.
-///
-/// Source: the quadratic of the infinite cylinder, then of the ball at the nearer end.
-fn capsule_depth(capsule: &PlacedCapsule, direction: &Vector3<f64>) -> Option<f64> {
-    let [a, b] = capsule.ends;
-    let axis = b - a;
-    let (length, lean, offset) = (axis.norm_squared(), axis.dot(direction), -axis.dot(&a));
-    let squared = capsule.radius * capsule.radius;
-    let k2 = length - lean * lean;
-    if k2 > 1e-12 * length.max(1e-12) {
-        let k1 = -length * a.dot(direction) - offset * lean;
-        let k0 = length * a.norm_squared() - offset * offset - squared * length;
-        let h = k1 * k1 - k2 * k0;
-        if h >= 0.0 {
-            let depth = (-k1 - h.sqrt()) / k2;
-            let along = offset + depth * lean;
-            if along > 0.0 && along < length {
-                return (depth > 0.0).then_some(depth);
-            }
-        }
-    }
-    let ball = |end: &Vector3<f64>| {
-        let middle = end.dot(direction);
-        let h = middle * middle - end.norm_squared() + squared;
-        (h >= 0.0).then(|| middle - h.sqrt())
-    };
-    let first = [ball(&a), ball(&b)].into_iter().flatten().fold(f64::INFINITY, f64::min);
-    (first.is_finite() && first > 0.0).then_some(first)
-}
-
-impl<'a> Face<'a> {
-    fn new(
-        printed: Option<&'a Grid>,
-        half: [f64; 2],
-        origin: Vector3<f64>,
-        axes: [Vector3<f64>; 3],
-        tone: f32,
-        finish: Finish,
-    ) -> Self {
-        let depth = axes[2].dot(&origin);
-        let by_x = axes[0] * depth - axes[2] * axes[0].dot(&origin);
-        let by_y = axes[1] * depth - axes[2] * axes[1].dot(&origin);
-        Face { printed, half, origin, axes, by_x, by_y, lengths: [by_x.norm(), by_y.norm()], depth, tone, finish }
-    }
-
-    /// An endless plane through a frame's x and y axes, facing along its z.
-    #[must_use]
-    pub fn plane(camera_from_plane: &Pose, tone: f32, finish: Finish) -> Self {
-        let turn = camera_from_plane.rotation_matrix();
-        let axes = [0, 1, 2].map(|i| turn.column(i).into_owned());
-        Self::new(None, [f64::INFINITY; 2], camera_from_plane.translation, axes, tone, finish)
-    }
-
-    /// Whether none of the rays between four at the corners of a small part of the picture meets the face; may say no too often.
-    fn misses(&self, corners: &[Vector3<f64>; 4]) -> bool {
-        if self.depth >= 0.0 {
-            return true;
-        }
-        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-        for direction in corners {
-            let slope = self.axes[2].dot(direction);
-            if slope > -1e-6 {
-                return false;
-            }
-            for (axis, by) in [&self.by_x, &self.by_y].into_iter().enumerate() {
-                let at = by.dot(direction) / slope;
-                (low[axis], high[axis]) = (low[axis].min(at), high[axis].max(at));
-            }
-        }
-        // Room for the outer half of the pixels, and for what a lens bends a line within so small a part.
-        (0..2).any(|i| {
-            let room = 0.15 * (high[i] - low[i]);
-            low[i] - room > self.half[i] || high[i] + room < -self.half[i]
-        })
-    }
-
-    /// How far along a ray the face's plane is met from the front.
-    #[must_use]
-    pub fn distance(&self, direction: &Vector3<f64>) -> Option<f64> {
-        let slope = self.axes[2].dot(direction);
-        (self.depth < 0.0 && slope < -1e-9).then(|| self.depth / slope)
-    }
-
-    /// The plane in a pixel that it fills.
-    #[must_use]
-    pub fn plane_patch(&self, ray: &Ray, textures: &Textures) -> Option<Patch> {
-        let (footprint, depth) = self.footprint(ray)?;
-        let tone = f64::from(self.tone * textures.sample(self.finish, &footprint));
-        Some(Patch { covered: 1.0, tone, depth, normal: self.axes[2] })
-    }
 }
