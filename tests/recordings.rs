@@ -210,6 +210,9 @@ fn points_by_trackers() {
     let (code, solved) = solve(&data, "motoman/leica_left_6x6x6/layout.yaml", None);
     assert_eq!(code, Some(1));
     assert_eq!(solved["undetermined"].as_array().unwrap().len(), 3);
+    for open in solved["undetermined"].as_array().unwrap() {
+        assert_eq!(open["kind"], "constant_orientation");
+    }
     let reason = solved["undetermined"][0]["reason"].as_str().unwrap();
     assert!(reason.contains("the orientation of `left.flange` stays constant"), "{reason}");
     assert!((number(&solved, "rms_point_mm") - 0.233).abs() < 0.002);

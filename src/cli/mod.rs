@@ -8,6 +8,7 @@ mod completions;
 mod demo;
 mod detect;
 mod export;
+mod findings;
 mod identify;
 mod new;
 mod output;

@@ -18,6 +18,35 @@ pub(super) fn line(words: std::fmt::Arguments<'_>) {
     let _ = out.write_fmt(words).and_then(|()| out.write_all(b"\n"));
 }
 
+/// Columns that running text keeps to.
+const WIDTH: usize = 80;
+
+/// Prints running text in lines of at most 80 columns: the first begins with `label`, the others are indented by `indent`. A word longer than
+/// a line stands alone.
+pub(super) fn say_wrapped(label: &str, indent: usize, text: &str) {
+    for line in wrapped(label, indent, text) {
+        say!("{line}");
+    }
+}
+
+fn wrapped(label: &str, indent: usize, text: &str) -> Vec<String> {
+    let mut lines = Vec::new();
+    let mut current = label.to_owned();
+    let mut empty = label.is_empty();
+    for word in text.split_whitespace() {
+        let gap = usize::from(!empty && !current.ends_with(' '));
+        if !empty && current.chars().count() + gap + word.chars().count() > WIDTH {
+            lines.push(std::mem::replace(&mut current, " ".repeat(indent)));
+        } else if gap == 1 {
+            current.push(' ');
+        }
+        current.push_str(word);
+        empty = false;
+    }
+    lines.push(current);
+    lines
+}
+
 /// Shows an error: each complaint with its line and its remedy on stderr, or as one JSON object on stdout.
 pub(super) fn show_error(error: &InputError, json: bool) {
     for complaint in &error.0 {
@@ -119,4 +148,22 @@ static STOP: std::sync::atomic::AtomicBool = std::sync::atomic::AtomicBool::new(
 pub(super) fn stop_requested() -> &'static std::sync::atomic::AtomicBool {
     GENTLE.store(true, std::sync::atomic::Ordering::Relaxed);
     &STOP
+}
+
+#[cfg(test)]
+mod tests {
+    use super::wrapped;
+
+    #[test]
+    fn running_text_keeps_to_eighty_columns() {
+        let text = "a word and another one ".repeat(20);
+        let lines = wrapped("warning: ", 4, &text);
+        assert!(lines.len() > 4 && lines.iter().all(|line| line.chars().count() <= 80), "{lines:?}");
+        assert!(
+            lines[0].starts_with("warning: a word") && lines[1].starts_with("    ") && !lines[1].starts_with("     ")
+        );
+        let joined: Vec<&str> = lines.iter().flat_map(|line| line.split_whitespace()).skip(1).collect();
+        assert_eq!(joined, text.split_whitespace().collect::<Vec<_>>(), "no word is lost");
+        assert_eq!(wrapped("", 2, "short"), ["short"]);
+    }
 }

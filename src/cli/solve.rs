@@ -4,6 +4,7 @@ use clap::Args;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use super::findings::show_findings;
 use super::output::{print_json, print_table, say};
 use super::{LayoutArguments, NOT_TRUSTWORTHY, use_threads};
 use cellmap::complaint::{Complaint, InputError};
@@ -65,6 +66,7 @@ fn as_json(solved: &Solved) -> Document {
     let mut entries = vec![("iterations".to_owned(), Document::Whole(solved.report.iterations as u64))];
     entries.extend(findings::fit(solved));
     entries.push(("undetermined".to_owned(), findings::undetermined(solved)));
+    entries.push(("weak".to_owned(), findings::weak(solved)));
     entries.push((
         "seconds".to_owned(),
         Document::map([
@@ -84,9 +86,6 @@ fn as_json(solved: &Solved) -> Document {
     }
     Document::Map(entries)
 }
-
-/// How many undetermined directions are named one by one.
-const NAMED_DIRECTIONS: usize = 6;
 
 /// The numbers of a list, each with `decimals`.
 fn numbers(document: &Document, key: &str, decimals: usize) -> String {
@@ -182,18 +181,5 @@ fn show(solved: &Solved) {
         let of = t.accepted + t.rejected;
         say!("  of `{}` by `{}`: {} of {of} corners", t.target, t.camera, t.rejected);
     }
-    for doubt in solved.doubts() {
-        say!("warning: {doubt}");
-    }
-    let mut said = "";
-    for u in solved.undetermined.iter().take(NAMED_DIRECTIONS) {
-        say!("not determined: {}", u.reason);
-        if u.remedy != said {
-            say!("  help: {}", u.remedy);
-            said = &u.remedy;
-        }
-    }
-    if solved.undetermined.len() > NAMED_DIRECTIONS {
-        say!("and {} more directions, all in the solution", solved.undetermined.len() - NAMED_DIRECTIONS);
-    }
+    show_findings(solved);
 }

@@ -98,15 +98,26 @@ pub fn parameters(solved: &Solved) -> Vec<(String, Document)> {
 /// What could not be determined.
 #[must_use]
 pub fn undetermined(solved: &Solved) -> Document {
+    directions(&solved.undetermined)
+}
+
+/// What was determined, but weakly.
+#[must_use]
+pub fn weak(solved: &Solved) -> Document {
+    directions(&solved.weak)
+}
+
+fn directions(all: &[crate::trust::Undetermined]) -> Document {
     let one = |u: &crate::trust::Undetermined| {
         Document::map([
+            ("kind", Document::text(u.cause.name())),
             ("blocks", Document::Row(u.blocks.iter().map(Document::text).collect())),
             ("sigma_mm_mrad", u.sigma.map_or(Document::Null, Document::Number)),
             ("reason", Document::text(&u.reason)),
             ("remedy", Document::text(&u.remedy)),
         ])
     };
-    Document::List(solved.undetermined.iter().map(one).collect())
+    Document::List(all.iter().map(one).collect())
 }
 
 /// The quality of the fit.

@@ -5,7 +5,7 @@
 
 use std::path::Path;
 
-use super::findings::{fit, parameters, poses, undetermined};
+use super::findings::{fit, parameters, poses, undetermined, weak};
 use crate::frames::Edge;
 use crate::geometry::{Pose, TargetGeometry};
 use crate::layout::write::{describe_places, sections};
@@ -115,6 +115,7 @@ fn found(solved: &Solved) -> Document {
     }
     entries.push(("fit".to_owned(), Document::Map(fit(solved))));
     entries.push(("undetermined".to_owned(), undetermined(solved)));
+    entries.push(("weak".to_owned(), weak(solved)));
     let inputs = solved
         .inputs
         .iter()

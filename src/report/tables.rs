@@ -125,12 +125,24 @@ pub(super) fn summary(input: &ReportInput<'_>) -> String {
     html
 }
 
-/// What nothing determines, in words.
+/// What nothing determines, and what little determines, in words.
 pub(super) fn undetermined(input: &ReportInput<'_>) -> String {
-    let all = items(input.findings.get("undetermined"));
-    if all.is_empty() {
-        return "<p>Every direction is determined.</p>".to_owned();
+    let mut html = String::new();
+    let open = items(input.findings.get("undetermined"));
+    if open.is_empty() {
+        html.push_str("<p>Every direction is determined.</p>");
+    } else {
+        html.push_str(&directions(&open));
     }
+    let weak = items(input.findings.get("weak"));
+    if !weak.is_empty() {
+        html.push_str("<p>Determined, but weakly:</p>");
+        html.push_str(&directions(&weak));
+    }
+    html
+}
+
+fn directions(all: &[Value]) -> String {
     let mut html = String::from("<ul class=\"open\">");
     for one in all {
         let (reason, remedy) = (text(one.get("reason")), text(one.get("remedy")));

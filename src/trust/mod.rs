@@ -3,8 +3,11 @@
 pub mod covariance;
 pub mod outliers;
 pub mod residuals;
+mod span;
+pub mod structure;
 pub mod undetermined;
 
 pub use covariance::{Covariance, covariance};
 pub use residuals::{Residuals, residuals};
-pub use undetermined::{Undetermined, explain};
+pub use structure::Cause;
+pub use undetermined::{Evidence, Undetermined, explain};

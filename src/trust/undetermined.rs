@@ -1,4 +1,8 @@
-//! Undetermined directions in words: what moves against what, why, and what would help.
+//! Undetermined and weak directions in words: what moves against what, why, and what would help.
+//!
+//! The open directions of a solve are a space, and any basis of it is as true as another. So that each sentence names one cause, the directions
+//! that theory predicts ([`super::structure`]) are taken out of that space first, and what is left is put into the basis with the fewest
+//! entries.
 
 use nalgebra::{Matrix3, Vector3};
 use std::collections::BTreeSet;
@@ -8,13 +12,34 @@ use crate::geometry::{Pose, rotation};
 use crate::layout::Layout;
 use crate::recording::Recording;
 use crate::robot::{PARAMETERS_PER_LINK, ParameterKind};
-use crate::solve::{Plan, Unknown, UnknownKind};
+use crate::solve::{Plan, State, Unknown, UnknownKind};
 
 use super::covariance::Covariance;
+use super::span::{Span, sparse_basis};
+use super::structure::{Cause, candidates, faces_flat_targets_only};
 
-/// Something that the measurements do not determine.
+/// What a solve hands over to be judged.
+#[derive(Clone, Copy, Debug)]
+pub struct Evidence<'a> {
+    /// The layout.
+    pub layout: &'a Layout,
+    /// Its frames.
+    pub tree: &'a FrameTree,
+    /// What was recorded.
+    pub recording: &'a Recording,
+    /// The compiled measurements.
+    pub plan: &'a Plan,
+    /// The values found.
+    pub state: &'a State,
+    /// `sensor_from_target` of every block at `state`, by group.
+    pub poses: &'a [Vec<Pose>],
+}
+
+/// Something that the measurements do not determine, or only weakly.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Undetermined {
+    /// What kind of case it is.
+    pub cause: Cause,
     /// The poses, links or lenses in it, strongest first.
     pub blocks: Vec<String>,
     /// The standard deviation along the direction, in mm and mrad mixed; none if nothing at all is known of it.
@@ -25,22 +50,22 @@ pub struct Undetermined {
     pub remedy: String,
 }
 
+/// A direction whose standard deviation exceeds this many units (5 mm, 5 mrad, 5 px) is determined, but weakly.
+pub const WEAK: f64 = 5.0;
 /// A block that carries less than this share of a direction is not named.
 const NAMED: f64 = 0.02;
 /// Turns smaller than this (rad, root mean square) are no turns.
 const TURN: f64 = 0.02;
 
-/// Puts every open direction and every frame that no measurement mentions into words.
+/// Puts every open direction and every frame that no measurement mentions into words, and after them the weak ones.
 #[must_use]
 pub fn explain(
-    layout: &Layout,
-    tree: &FrameTree,
-    recording: &Recording,
-    plan: &Plan,
+    evidence: &Evidence<'_>,
     covariance: &Covariance,
     unseen: &[usize],
-) -> Vec<Undetermined> {
-    let mut all: Vec<Undetermined> = unseen
+) -> (Vec<Undetermined>, Vec<Undetermined>) {
+    let tree = evidence.tree;
+    let mut open: Vec<Undetermined> = unseen
         .iter()
         .filter_map(|&frame| {
             let key = match tree.frames[frame].edge {
@@ -49,6 +74,7 @@ pub fn explain(
                 Edge::Root | Edge::Link { .. } => return None,
             };
             Some(Undetermined {
+                cause: Cause::Unseen,
                 blocks: vec![key.clone()],
                 sigma: None,
                 reason: format!("no measurement sees `{}` or anything mounted on it", tree.frames[frame].name),
@@ -56,25 +82,58 @@ pub fn explain(
             })
         })
         .collect();
-    for (direction, sigma) in covariance.open.iter().zip(&covariance.open_sigma) {
-        let mut shares: Vec<(f64, &Unknown)> = plan
-            .unknowns
-            .blocks
-            .iter()
-            .map(|block| (direction[block.start..block.start + block.count()].iter().map(|x| x * x).sum(), block))
-            .collect();
-        shares.sort_by(|a, b| b.0.total_cmp(&a.0));
-        let named: Vec<&Unknown> = shares.iter().filter(|(share, _)| *share > NAMED).map(|(_, block)| *block).collect();
-        let parts: Vec<String> = named.iter().map(|block| describe(layout, block, direction)).collect();
-        let (why, remedy) = cause(layout, recording, plan, &named);
-        all.push(Undetermined {
-            blocks: named.iter().map(|block| block.name.clone()).collect(),
-            sigma: sigma.is_finite().then_some(*sigma),
-            reason: format!("{} can change without any measurement noticing: {why}", parts.join(" against ")),
-            remedy,
-        });
+    open.extend(words(evidence, Span::new(&covariance.open, &covariance.open_sigma), false));
+    // The largest eigenvalue is at most the trace: a well determined cell stops here.
+    if covariance.matrix.trace() < WEAK * WEAK {
+        return (open, Vec::new());
+    }
+    let eigen = covariance.matrix.clone().symmetric_eigen();
+    let mut order: Vec<usize> = (0..eigen.eigenvalues.len()).filter(|i| eigen.eigenvalues[*i] > WEAK * WEAK).collect();
+    order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
+    let vectors: Vec<Vec<f64>> =
+        order.iter().map(|&i| eigen.eigenvectors.column(i).iter().copied().collect()).collect();
+    let sigmas: Vec<f64> = order.iter().map(|&i| eigen.eigenvalues[i].sqrt()).collect();
+    (open, words(evidence, Span::new(&vectors, &sigmas), true))
+}
+
+/// The directions of a space in words: first those that theory predicts, then the rest.
+fn words(evidence: &Evidence<'_>, mut span: Span, weak: bool) -> Vec<Undetermined> {
+    if span.is_empty() {
+        return Vec::new();
+    }
+    let mut all = Vec::new();
+    let mut tell = |direction: &[f64], sigma: f64, known: Option<(Cause, String, String)>| {
+        let named = named_blocks(evidence.plan, direction);
+        let parts: Vec<String> = named.iter().map(|block| describe(evidence.layout, block, direction)).collect();
+        let (cause, why, remedy) = known.unwrap_or_else(|| cause(evidence, &named));
+        let parts = parts.join(" against ");
+        let reason = if weak {
+            format!("{parts} is known to {sigma:.1} mm, mrad or px only: {why}")
+        } else {
+            format!("{parts} can change without any measurement noticing: {why}")
+        };
+        let blocks = named.iter().map(|block| block.name.clone()).collect();
+        all.push(Undetermined { cause, blocks, sigma: sigma.is_finite().then_some(sigma), reason, remedy });
+    };
+    for candidate in candidates(evidence) {
+        if let Some((direction, sigma)) = span.take(&candidate.direction) {
+            tell(&direction, sigma, Some((candidate.cause, candidate.why, candidate.remedy)));
+        }
+    }
+    // Weak directions differ in how weak they are, which singles their basis out already.
+    let rest = if weak { span.vectors().to_vec() } else { sparse_basis(span.vectors()) };
+    for direction in rest {
+        tell(&direction, span.sigma(&direction), None);
     }
     all
+}
+
+/// The blocks that a direction moves, strongest first.
+fn named_blocks<'a>(plan: &'a Plan, direction: &[f64]) -> Vec<&'a Unknown> {
+    let share = |block: &Unknown| direction[block.start..block.start + block.count()].iter().map(|x| x * x).sum();
+    let mut shares: Vec<(f64, &Unknown)> = plan.unknowns.blocks.iter().map(|block| (share(block), block)).collect();
+    shares.sort_by(|a, b| b.0.total_cmp(&a.0));
+    shares.into_iter().filter(|(share, _)| *share > NAMED).map(|(_, block)| block).collect()
 }
 
 /// `world_from_cam (x, turn about z)`: the components of a block that a direction moves.
@@ -104,9 +163,27 @@ fn describe(layout: &Layout, block: &Unknown, direction: &[f64]) -> String {
 }
 
 /// Why the named blocks cannot be told apart: what the robots between them did.
-fn cause(layout: &Layout, recording: &Recording, plan: &Plan, named: &[&Unknown]) -> (String, String) {
+fn cause(evidence: &Evidence<'_>, named: &[&Unknown]) -> (Cause, String, String) {
+    let (layout, plan) = (evidence.layout, evidence.plan);
+    for block in named {
+        if let UnknownKind::Lens { camera, .. } = block.kind
+            && faces_flat_targets_only(evidence, camera)
+        {
+            return (
+                Cause::FlatFaceOn,
+                format!(
+                    "`{}` sees flat targets face-on only, where a longer lens looks like a nearer target",
+                    layout.cameras[camera].name
+                ),
+                "tilt the target or the camera by 20 to 45 degrees in several pictures, show a target with depth, or leave the lens \
+                 out of `refine`"
+                    .to_owned(),
+            );
+        }
+    }
     if named.iter().any(|block| matches!(block.kind, UnknownKind::Links { .. })) {
         return (
+            Cause::Other,
             "link parameters act like each other or like the poses beside them".to_owned(),
             "give the link parameters a `sigma`, fix one of the poses, or measure more varied joint values".to_owned(),
         );
@@ -123,7 +200,7 @@ fn cause(layout: &Layout, recording: &Recording, plan: &Plan, named: &[&Unknown]
     };
     let motions: Vec<(&str, Vec<Pose>)> = (0..layout.robots.len())
         .filter(|&robot| involved(robot))
-        .map(|robot| (layout.robots[robot].name.as_str(), flange_poses(layout, recording, plan, robot)))
+        .map(|robot| (layout.robots[robot].name.as_str(), flange_poses(evidence, robot)))
         .collect();
     // A robot that stands still (a torso that is parked) explains nothing while another moves.
     let moves = |poses: &[Pose]| poses.iter().any(|pose| (poses[0].inverse() * *pose).magnitude() > (1e-3, TURN));
@@ -134,20 +211,29 @@ fn cause(layout: &Layout, recording: &Recording, plan: &Plan, named: &[&Unknown]
         if poses.len() < 3 {
             let plural = if poses.len() == 1 { "" } else { "s" };
             let why = format!("`{name}` was measured in only {} configuration{plural}", poses.len());
-            return (why, format!("record at least 3, better 15, configurations; {more}"));
+            return (Cause::TooFewConfigurations, why, format!("record at least 3, better 15, configurations; {more}"));
         }
         let turns = turns(poses);
         let scatter: Matrix3<f64> = turns.iter().map(|v| v * v.transpose()).sum::<Matrix3<f64>>() / turns.len() as f64;
         let mut spread: Vec<f64> = scatter.symmetric_eigenvalues().iter().map(|x| x.max(0.0).sqrt()).collect();
         spread.sort_by(|a, b| b.total_cmp(a));
         if spread[0] < TURN {
-            return (format!("the orientation of `{name}.flange` stays constant"), more);
+            return (
+                Cause::ConstantOrientation,
+                format!("the orientation of `{name}.flange` stays constant"),
+                format!("{more}, or give what hangs on its flange a pose or a prior"),
+            );
         }
         if spread[1] < TURN {
-            return (format!("all motions of `{name}` turn about one axis"), more);
+            return (
+                Cause::SingleAxis,
+                format!("all motions of `{name}` turn about one axis"),
+                format!("{more}, or give what hangs on its flange a prior along that axis"),
+            );
         }
     }
     (
+        Cause::Other,
         "the measurements act on their sum only".to_owned(),
         "add configurations that are more different, another camera or target, or a prior (`sigma`) on one of them"
             .to_owned(),
@@ -155,10 +241,16 @@ fn cause(layout: &Layout, recording: &Recording, plan: &Plan, named: &[&Unknown]
 }
 
 /// `base_from_flange` at every configuration with measurements across the robot.
-fn flange_poses(layout: &Layout, recording: &Recording, plan: &Plan, robot: usize) -> Vec<Pose> {
-    let groups = plan.groups.iter().filter(|group| group.path.robots().any(|r| r == robot));
-    let used: BTreeSet<usize> = groups.flat_map(|group| group.blocks.iter().map(|block| block.configuration)).collect();
+fn flange_poses(evidence: &Evidence<'_>, robot: usize) -> Vec<Pose> {
+    let (layout, recording, plan) = (evidence.layout, evidence.recording, evidence.plan);
+    let used = configurations_across(plan, robot);
     used.into_iter().filter_map(|c| recording.base_from_flange(layout, robot, plan.configurations[c])).collect()
+}
+
+/// The configurations (of the plan) with measurements across a robot.
+pub(super) fn configurations_across(plan: &Plan, robot: usize) -> BTreeSet<usize> {
+    let groups = plan.groups.iter().filter(|group| group.path.robots().any(|r| r == robot));
+    groups.flat_map(|group| group.blocks.iter().map(|block| block.configuration)).collect()
 }
 
 /// Rotation vectors against the mean orientation.

@@ -12,7 +12,7 @@ use crate::layout::{Layout, LossSetting, Motion, read_layout};
 use crate::recording::Recording;
 use crate::solve::{Assembler, Loss, Normal, Options, Plan, PlanError, Priors, Report, State, minimise};
 use crate::trust::outliers::{Rejected, Tally, reject, reject_unseen, tally};
-use crate::trust::{Covariance, Residuals, Undetermined, covariance, explain, residuals};
+use crate::trust::{Covariance, Evidence, Residuals, Undetermined, covariance, explain, residuals};
 
 /// Passes of rejecting and solving again at most.
 const REJECTION_PASSES: usize = 3;
@@ -67,6 +67,8 @@ pub struct Solved {
     pub covariance: Covariance,
     /// What could not be determined.
     pub undetermined: Vec<Undetermined>,
+    /// What was determined, but weakly.
+    pub weak: Vec<Undetermined>,
     /// What was set aside.
     pub rejected: Rejected,
     /// How the corners fared, by camera and target.
@@ -198,7 +200,7 @@ pub fn solve_recording(
     if robust {
         robust_search(&layout, &tree, recording, &mut plan, &priors, &mut state, &mut rejected, &mut run);
     }
-    let (mut report, residuals) = loop {
+    let (mut report, residuals, poses) = loop {
         let mut assembler = Assembler::new(&layout, recording, &plan, priors.clone());
         assembler.set_loss(Loss::Squared);
         let mut report = run(&mut assembler, &mut state, &Options::default());
@@ -208,7 +210,7 @@ pub fn solve_recording(
         let rest = residuals(&layout, &plan, &state, &poses, Loss::Squared);
         let unseen = reject_unseen(&mut plan, &rest);
         if unseen.total() == 0 {
-            break (report, rest);
+            break (report, rest, poses);
         }
         rejected.add(unseen);
     };
@@ -229,7 +231,8 @@ pub fn solve_recording(
     let noise = if freedom == 0 { 1.0 } else { (residuals.weighted_sum / freedom as f64).sqrt() };
     let believed = priors.information(plan.unknowns.count, &state);
     let covariance = covariance(&plan, &measured, &believed, noise);
-    let undetermined = explain(&layout, &tree, recording, &plan, &covariance, &unseen);
+    let evidence = Evidence { layout: &layout, tree: &tree, recording, plan: &plan, state: &state, poses: &poses };
+    let (undetermined, weak) = explain(&evidence, &covariance, &unseen);
     let tallies = tally(&layout, recording, &plan, &residuals);
     seconds.covariance = clock.elapsed().as_secs_f64();
     seconds.total = began.elapsed().as_secs_f64();
@@ -242,6 +245,7 @@ pub fn solve_recording(
         residuals,
         covariance,
         undetermined,
+        weak,
         rejected,
         tallies,
         unseen,
