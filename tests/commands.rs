@@ -190,6 +190,22 @@ fn comparison_follows_frames_not_mounts() {
 }
 
 #[test]
+fn comparison_covers_the_places_that_were_found_on_a_target() {
+    let dir = folder(&[]);
+    let layout = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("layouts/laser_tracker.yaml");
+    let made = run(dir.path(), &["simulate", layout.to_str().unwrap(), "--out", "cell"]);
+    assert_eq!(made.status.code(), Some(0), "{}", stderr(&made));
+    let solved = run(dir.path(), &["solve", "cell/layout.yaml"]);
+    assert_eq!(solved.status.code(), Some(0), "{}", stderr(&solved));
+    let found = json(&run(dir.path(), &["compare", "cell/solution.yaml", "cell/truth.yaml", "--json"]));
+    for point in ["a", "b", "c"] {
+        let place = &found["poses"][format!("reflectors_from_reflectors.{point}")];
+        assert!(place["translation_mm"].as_f64().unwrap() < 1.0, "{found}");
+        assert!(place["within_sigma"].as_f64().unwrap() < 5.0, "{found}");
+    }
+}
+
+#[test]
 fn check_warns_of_a_camera_without_pictures() {
     let layout = "cellmap: 1\nunits: {length: m, angle: rad}\nworld: tag\ncameras:\n  eye:\n    images: p/{configuration}.png\n    \
         intrinsics: {model: pinhole, size: [9, 9], focal: [9, 9], centre: [4, 4]}\ntargets:\n  tag: {tags: {dictionary: 4x4_50, size: 1, ids: [1]}}\n";

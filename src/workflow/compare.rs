@@ -1,8 +1,10 @@
 //! `compare`: two layouts, or a solution and a truth, pose by pose.
 
+use std::collections::BTreeMap;
+
 use crate::complaint::{Complaint, InputError};
 use crate::frames::{Edge, FrameTree, Step};
-use crate::geometry::{Pose, rotation};
+use crate::geometry::{Pose, TargetGeometry, rotation};
 use crate::layout::Layout;
 
 /// How one pose differs.
@@ -69,6 +71,27 @@ impl<'a> Known<'a> {
         })
     }
 
+    /// The places of the tags and points on a target that this layout gives, under the keys they have where they are unknown.
+    fn parts(&self) -> Vec<(String, Pose)> {
+        let of = |target: &str, part: String, pose: Pose| (format!("{target}_from_{target}.{part}"), pose);
+        let mut parts = Vec::new();
+        for target in &self.layout.targets {
+            match &target.geometry {
+                TargetGeometry::Tags(faces) => parts.extend(
+                    faces.iter().filter_map(|f| Some(of(&target.name, format!("tag{}", f.id), f.target_from_tag?))),
+                ),
+                TargetGeometry::Points(points) => {
+                    parts.extend(points.iter().filter_map(|(name, place)| {
+                        let at = (*place)?;
+                        Some(of(&target.name, name.clone(), Pose::from_translation(at.x, at.y, at.z)))
+                    }));
+                }
+                TargetGeometry::None | TargetGeometry::Board { .. } => {}
+            }
+        }
+        parts
+    }
+
     fn sigma(&self, key: &str) -> Option<[Option<f64>; 6]> {
         self.layout.solved.iter().find(|solved| solved.key == key).map(|solved| solved.sigma)
     }
@@ -96,20 +119,10 @@ pub fn compare(first: &Layout, second: &Layout) -> Result<Comparison, InputError
             }
             continue;
         };
-        let apart = ours.translation - theirs.translation;
-        let turn = ours.rotation * rotation::log(&(ours.rotation.inverse() * theirs.rotation));
         let sigma = a.sigma(&edge.key).or_else(|| b.sigma(&edge.key));
-        comparison.poses.push(PoseDifference {
-            key: edge.key.clone(),
-            translation: apart.norm(),
-            rotation: turn.norm(),
-            within_sigma: sigma.and_then(|sigma| {
-                let differences = apart.iter().chain(turn.iter());
-                let ratios = differences.zip(sigma).filter_map(|(d, s)| s.filter(|s| *s > 0.0).map(|s| d.abs() / s));
-                ratios.reduce(f64::max)
-            }),
-        });
+        comparison.poses.push(difference(edge.key.clone(), &ours, &theirs, sigma));
     }
+    compare_parts(&a, &b, &mut comparison);
     if comparison.poses.is_empty() {
         return Err(Complaint::of(
             &second.file,
@@ -119,4 +132,32 @@ pub fn compare(first: &Layout, second: &Layout) -> Result<Comparison, InputError
         .into());
     }
     Ok(comparison)
+}
+
+/// Compares the tags and points on targets whose places one of the two layouts had to find. Those that both were told are not news.
+fn compare_parts(a: &Known<'_>, b: &Known<'_>, comparison: &mut Comparison) {
+    let theirs: BTreeMap<String, Pose> = b.parts().into_iter().collect();
+    for (key, ours) in a.parts() {
+        let Some(sigma) = a.sigma(&key).or_else(|| b.sigma(&key)) else { continue };
+        match theirs.get(&key) {
+            Some(theirs) => comparison.poses.push(difference(key, &ours, theirs, Some(sigma))),
+            None => comparison.missing.push(key),
+        }
+    }
+}
+
+/// How one pose differs: distance, angle, and both in standard deviations (`sigma`: m in the parent's axes, then rad in the parent's axes).
+fn difference(key: String, ours: &Pose, theirs: &Pose, sigma: Option<[Option<f64>; 6]>) -> PoseDifference {
+    let apart = ours.translation - theirs.translation;
+    let turn = ours.rotation * rotation::log(&(ours.rotation.inverse() * theirs.rotation));
+    PoseDifference {
+        key,
+        translation: apart.norm(),
+        rotation: turn.norm(),
+        within_sigma: sigma.and_then(|sigma| {
+            let differences = apart.iter().chain(turn.iter());
+            let ratios = differences.zip(sigma).filter_map(|(d, s)| s.filter(|s| *s > 0.0).map(|s| d.abs() / s));
+            ratios.reduce(f64::max)
+        }),
+    }
 }
