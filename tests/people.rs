@@ -1,4 +1,4 @@
-//! From an empty folder to a robot description, as the book tells it; `new` with its words; help, completions and the manual page.
+//! From an empty folder to a robot description, as the README and the book tell it; `new` with its words; help, completions and the manual page.
 
 #[path = "support/program.rs"]
 mod program;
@@ -11,63 +11,58 @@ fn fine(dir: &std::path::Path, arguments: &[&str]) -> std::process::Output {
     output
 }
 
-/// The whole way; `pictures` needs a detector in this build.
-fn whole_way(pictures: bool) {
-    let dir = folder(&[]);
-    let at = dir.path();
-    fine(
-        at,
-        &[
-            "new",
-            "cell.yaml",
-            "--robots",
-            "ur5e",
-            "--cameras",
-            "left,right,wrist@ur5e",
-            "--targets",
-            "table:grid,tool:cube@ur5e,pallet:tag",
-        ],
-    );
-    // The one edit by hand: where the pallet stands.
-    let text = std::fs::read_to_string(at.join("cell.yaml")).unwrap();
-    let edited = text.replace(
-        "pose: {xyz: [-330, 60, 40], rpy: [2, 1, 25], unknown: true}",
-        "pose: {xyz: [-300, 40, 30], rpy: [0, 0, 10], unknown: true}",
-    );
-    assert_ne!(text, edited);
-    std::fs::write(at.join("cell.yaml"), edited).unwrap();
-    let checked = stdout(&fine(at, &["check", "cell.yaml"]));
-    assert!(checked.contains("├─ left  (unknown)") && checked.contains("The layout is fine."), "{checked}");
-    fine(at, &["print", "cell.yaml", "--paper", "a3"]);
-    assert!(std::fs::read(at.join("targets.pdf")).unwrap().starts_with(b"%PDF-"));
-    let mut simulate = vec!["simulate", "cell.yaml", "--out", "cell"];
-    if pictures {
-        simulate.push("--pictures");
-    }
-    fine(at, &simulate);
-    if pictures {
-        fine(at, &["detect", "cell/layout.yaml"]);
-    }
-    let solved = json(&fine(at, &["solve", "cell/layout.yaml", "--report", "report.html", "--json"]));
-    assert_eq!(solved["converged"], true);
-    let compared = json(&fine(at, &["compare", "cell/solution.yaml", "cell/truth.yaml", "--json"]));
-    assert!(compared["worst_translation_mm"].as_f64().unwrap() < 2.0, "{compared}");
-    fine(at, &["export", "cell/solution.yaml", "--to", "urdf", "--out", "cell.urdf"]);
-    let urdf = urdf_rs::read_file(at.join("cell.urdf")).unwrap();
-    assert!(urdf.links.iter().any(|link| link.name == "wrist_optical_frame"));
-    let html = std::fs::read_to_string(at.join("report.html")).unwrap();
-    assert_eq!(html.contains("data:image/jpeg;base64,"), pictures, "pictures are shown where there are some");
+/// The commands of the first block after a heading, a word an element; a line that ends in `\\` goes on in the next.
+fn commands(page: &str, heading: &str) -> Vec<Vec<String>> {
+    let block = page.split(heading).nth(1).unwrap().split("```sh\n").nth(1).unwrap().split("```").next().unwrap();
+    let joined = block.replace("\\\n", " ");
+    joined.lines().map(|line| line.split_whitespace().map(str::to_owned).collect()).collect()
 }
 
+/// The commands are the README's own, and the book's quick start has the same.
 #[test]
 fn the_whole_way_from_an_empty_folder() {
-    whole_way(false);
-}
-
-#[cfg(feature = "opencv")]
-#[test]
-fn the_whole_way_with_pictures() {
-    whole_way(true);
+    let project = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
+    let [readme, book] =
+        ["README.md", "docs/src/quick_start.md"].map(|page| std::fs::read_to_string(project.join(page)).unwrap());
+    let all = commands(&readme, "## From an empty folder");
+    assert_eq!(all, commands(&book, "# Quick start"));
+    let told: Vec<&str> = all.iter().map(|words| words[1].as_str()).collect();
+    assert_eq!(told, ["new", "check", "print", "simulate", "detect", "solve", "compare", "export"]);
+    let dir = folder(&[]);
+    let at = dir.path();
+    let mut said = Vec::new();
+    for words in &all {
+        assert_eq!(words[0], "cellmap");
+        let words: Vec<&str> = words[1..].iter().map(String::as_str).collect();
+        said.push(stdout(&fine(at, &words)));
+        if words[0] == "new" {
+            // The one edit by hand: where the pallet stands.
+            let text = std::fs::read_to_string(at.join("cell.yaml")).unwrap();
+            let edited = text.replace(
+                "pose: {xyz: [-330, 60, 40], rpy: [2, 1, 25], unknown: true}",
+                "pose: {xyz: [-300, 40, 30], rpy: [0, 0, 10], unknown: true}",
+            );
+            assert_ne!(text, edited);
+            std::fs::write(at.join("cell.yaml"), edited).unwrap();
+        }
+    }
+    // What the book shows of `check` is what it says.
+    let shown = book.split("```text\n").nth(1).unwrap().split("```").next().unwrap();
+    assert!(said[1].starts_with(shown) && said[1].contains("The layout is fine."), "{}", said[1]);
+    assert!(std::fs::read(at.join("targets.pdf")).unwrap().starts_with(b"%PDF-"));
+    let compared = json(&fine(at, &["compare", "cell/solution.yaml", "cell/truth.yaml", "--json"]));
+    assert!(compared["worst_translation_mm"].as_f64().unwrap() < 1.0, "{compared}");
+    let solution = cellmap::layout::read_layout(&at.join("cell/solution.yaml"), None).unwrap();
+    let pallet = solution.targets.iter().find(|target| target.name == "pallet").unwrap().pose.pose().unwrap();
+    assert!((pallet.translation - nalgebra::Vector3::new(-0.3, 0.04, 0.03)).norm() < 1e-3, "{pallet:?}");
+    let urdf = urdf_rs::read_file(at.join("cell.urdf")).unwrap();
+    let joint = urdf.joints.iter().find(|joint| joint.child.link == "pallet").unwrap();
+    for (found, expected) in joint.origin.xyz.0.iter().zip(pallet.translation.iter()) {
+        assert!((found - expected).abs() < 1e-9);
+    }
+    assert!(urdf.links.iter().any(|link| link.name == "wrist_optical_frame"));
+    let html = std::fs::read_to_string(at.join("report.html")).unwrap();
+    assert!(html.contains("data:image/jpeg;base64,"), "the worst pictures are shown");
 }
 
 #[test]
@@ -143,12 +138,20 @@ fn every_help_fits_a_screen_and_shows_an_example() {
         .collect();
     assert!(names.len() >= 14 && names.contains(&"new") && names.contains(&"export"), "{names:?}");
     for name in names.iter().filter(|name| **name != "help") {
-        let help = stdout(&fine(at, &[name, "-h"]));
-        assert!(help.lines().count() <= 40, "{name}: {} lines", help.lines().count());
-        assert!(help.lines().all(|line| line.chars().count() <= 100), "{name}");
+        let help = stdout(&fine(at, &[name, "--help"]));
+        assert!(help.lines().count() <= 28, "{name}: {} lines", help.lines().count());
+        assert!(help.lines().all(|line| line.chars().count() <= 80), "{name}");
         assert!(help.contains("Example"), "{name}");
+        // The example is of this command, and its flags are flags of the command.
+        let example = help.split("Example").nth(1).unwrap();
+        let line = example.lines().find(|line| line.trim_start().starts_with(&format!("cellmap {name}")));
+        let line = line.unwrap_or_else(|| panic!("{name}: {example}"));
+        for flag in line.split_whitespace().filter(|word| word.starts_with("--")) {
+            assert!(help.contains(&format!("  {flag} ")), "{name}: {flag}");
+        }
     }
-    assert!(all.lines().count() <= 40 && all.contains("Example"));
+    assert!(all.lines().all(|line| line.chars().count() <= 80));
+    assert!(all.lines().count() <= 24 && all.contains("Example"), "{all}");
 }
 
 #[test]

@@ -17,7 +17,7 @@ pub(super) struct Compare {
     first: PathBuf,
     /// The second layout, usually a truth
     second: PathBuf,
-    /// Print one machine-readable object on stdout and nothing else
+    /// Print one JSON object on stdout and nothing else
     #[arg(long)]
     pub(super) json: bool,
 }

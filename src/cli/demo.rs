@@ -22,7 +22,7 @@ pub(super) struct Demo {
     /// Stops of the robot
     #[arg(long, value_name = "N", default_value_t = 250, value_parser = clap::value_parser!(u64).range(10..=10_000))]
     configurations: u64,
-    /// Print one machine-readable object on stdout and nothing else
+    /// Print one JSON object on stdout and nothing else
     #[arg(long)]
     pub(super) json: bool,
 }

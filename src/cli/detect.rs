@@ -14,7 +14,7 @@ use cellmap::workflow::detect::{Detected, Watch, detect};
 
 #[derive(Args, Debug)]
 #[command(
-    after_help = "Example:\n  cellmap detect layout.yaml\n  cellmap detect layout.yaml --recording monday --out monday.csv"
+    after_help = "Examples:\n  cellmap detect layout.yaml\n  cellmap detect layout.yaml --recording monday --out monday.csv"
 )]
 pub(super) struct Detect {
     #[command(flatten)]
@@ -25,8 +25,8 @@ pub(super) struct Detect {
     /// Worker threads [default: one a core]
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
-    /// Who finds the patterns
-    #[arg(long, value_enum, default_value_t, value_name = "NAME")]
+    /// Who finds patterns: `native`, or `opencv` where built with it
+    #[arg(long, value_enum, default_value_t, value_name = "NAME", hide_possible_values = true)]
     detector: Finder,
     /// Also draw what was found into the pictures, in this folder
     #[arg(long, value_name = "DIR")]

@@ -12,14 +12,21 @@ use cellmap::export::formats::{Export as Exported, Format, export};
 use cellmap::recording::atomic;
 
 #[derive(Args, Debug)]
-#[command(after_help = "Example:\n  cellmap export solution.yaml --to urdf --out cell.urdf")]
+#[command(after_help = "Formats:\n  \
+    urdf xacro           robots, cameras with optical frames, targets; or as a macro\n  \
+    ros2                 static transforms: a launch file and the same as YAML\n  \
+    camera-info          a ROS calibration file a camera\n  \
+    opencv kalibr        lenses and poses as FileStorage YAML; a camchain\n  \
+    json csv             every frame: parent, pose, standard deviations\n  \
+    ur kuka abb fanuc    bases and tools as the controller writes them\n\n\
+    Example:\n  cellmap export solution.yaml --to urdf --out cell.urdf")]
 pub(super) struct Export {
     #[command(flatten)]
     pub(super) common: LayoutArguments,
-    /// The format
-    #[arg(long, value_name = "FORMAT")]
+    /// The format, one of those below
+    #[arg(long, value_name = "FORMAT", hide_possible_values = true)]
     to: FormatName,
-    /// Where it goes: a file, or a folder for formats of several files [default: this folder]
+    /// A file, or a folder for several files [default: here]
     #[arg(long, value_name = "PATH")]
     out: Option<PathBuf>,
 }

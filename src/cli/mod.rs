@@ -27,9 +27,11 @@ use cellmap::layout::{Layout, read_layout};
 
 /// Maps a robotic workcell from camera pictures and joint values.
 #[derive(Parser, Debug)]
-#[command(name = "cellmap", version, about, max_term_width = 100)]
-#[command(after_help = "Example:\n  cellmap new cell.yaml && cellmap check cell.yaml && cellmap print cell.yaml\n  \
-                        cellmap detect cell.yaml && cellmap solve cell.yaml --report report.html")]
+#[command(name = "cellmap", version, about, max_term_width = 80)]
+// One screen of 80 x 24: the options of the program itself, -h and -V, are left out.
+#[command(help_template = "{about}\n\n{usage-heading} {usage}\n\nCommands:\n{subcommands}{after-help}")]
+#[command(after_help = "Example: cellmap new a.yaml && cellmap check a.yaml && cellmap print a.yaml\n         \
+                        cellmap detect a.yaml && cellmap solve a.yaml --report report.html")]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -43,13 +45,13 @@ enum Command {
     Check(check::Check),
     /// Draw the targets in true size as PDF
     Print(print::Print),
-    /// Make a recording with known truth from a layout whose poses are known
+    /// Make a recording with known truth, of a layout with known poses
     Simulate(simulate::Simulate),
     /// Find the corners of all targets in all pictures
     Detect(detect::Detect),
     /// Find where everything is
     Solve(solve::Solve),
-    /// The published 15-parameter method: base and tool of one robot from measured points
+    /// The published method: base and tool of a robot from points
     Identify(identify::Identify),
     /// Compare the poses of two layouts, or of a solution with a truth
     Compare(compare::Compare),
@@ -57,7 +59,7 @@ enum Command {
     Report(report::Report),
     /// Write the solved cell for other programs and controllers
     Export(export::Export),
-    /// Render the paper's simulation, detect, solve and compare with the truth
+    /// Render the paper's simulation, solve it, compare with the truth
     Demo(demo::Demo),
     /// The JSON Schema of the files, for editors
     Schema(schema::Schema),
@@ -72,10 +74,10 @@ enum Command {
 struct LayoutArguments {
     /// The layout of the cell (YAML)
     layout: PathBuf,
-    /// The folder of the recording [default: the layout's own]
+    /// Folder of the recording [default: the layout's own]
     #[arg(long, value_name = "DIR")]
     recording: Option<PathBuf>,
-    /// Print one machine-readable object on stdout and nothing else
+    /// Print one JSON object on stdout and nothing else
     #[arg(long)]
     json: bool,
 }

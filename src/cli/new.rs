@@ -21,14 +21,14 @@ pub(super) struct New {
     /// The layout to write
     #[arg(default_value = "layout.yaml")]
     layout: PathBuf,
-    /// Robots: NAME=MODEL, or a built-in MODEL alone; MODEL `reported` = flange poses
+    /// Robots: MODEL (built in), NAME=MODEL, or NAME=reported
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     robots: Option<Vec<String>>,
     /// Cameras: NAME, or NAME@ROBOT for one on its flange
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     cameras: Option<Vec<String>>,
-    /// Targets: NAME:KIND or NAME:KIND@ROBOT; the first that stands still is the world.
-    /// Kinds: grid, tag, cube, checkerboard, charuco, aprilgrid
+    /// Targets: NAME:KIND or NAME:KIND@ROBOT; the first that stands still
+    /// is the world. Kinds: grid tag cube checkerboard charuco aprilgrid
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     targets: Option<Vec<String>>,
     /// Start with the robot of this URDF
@@ -37,7 +37,7 @@ pub(super) struct New {
     /// Replace a file that is there
     #[arg(long)]
     force: bool,
-    /// Print one machine-readable object on stdout and nothing else
+    /// Print one JSON object on stdout and nothing else
     #[arg(long)]
     pub(super) json: bool,
 }

@@ -24,19 +24,19 @@ pub(super) struct Simulate {
     /// The same seed gives the same files
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
-    /// Render pictures, for `cellmap detect` to find the corners in
+    /// Render pictures for `cellmap detect`
     #[arg(long)]
     pictures: bool,
     /// Replace an earlier simulation in the folder
     #[arg(long)]
     force: bool,
-    /// Multiplies the noise of all measurements; 0 makes them exact
+    /// Multiply all noise; 0 is exact
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = not_negative)]
     noise: f64,
-    /// Stops of the robots [default: as the layout says, or 40]
+    /// Stops of the robots [default: the layout's]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     configurations: Option<u64>,
-    /// Pictures a camera takes at each stop [default: as the layout says, or 1]
+    /// Pictures a camera at a stop [default: the layout's, or 1]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     shots: Option<u64>,
     /// Worker threads [default: one a core]
