@@ -121,7 +121,7 @@ fn detection_picks_up_where_it_stopped() {
             stop.store(true, Ordering::Relaxed);
         }
     };
-    let detector = NativeDetector;
+    let detector = NativeDetector::new();
     let first = detect(&layout, &detector, &out, &Watch { progress: &progress, stop: &stop, draw: None }).unwrap();
     assert!(first.interrupted && first.pictures > 0 && first.pictures < 48, "{first:?}");
     assert!(!out.exists(), "nothing half is left");

@@ -40,7 +40,7 @@ proptest! {
             _ => (k * 255 / (width * height)) as u8,
         }).collect();
         let picture = GreyPicture::new(width, height, pixels).unwrap();
-        let found = NativeDetector.detect(&picture, None, &all_patterns()).unwrap();
+        let found = NativeDetector::with_inverted().detect(&picture, None, &all_patterns()).unwrap();
         prop_assert!(found.iter().all(|corner| corner.pixel.iter().all(|value| value.is_finite())));
     }
 

@@ -43,7 +43,7 @@ fn a_tag_of_every_dictionary_is_found_where_it_is() {
         assert_eq!(truth.len(), 12);
         let wanted = [Pattern::Tags { dictionary, ids: ids.to_vec() }];
         #[allow(unused_mut)]
-        let mut detectors: Vec<Box<dyn Detector>> = vec![Box::new(NativeDetector)];
+        let mut detectors: Vec<Box<dyn Detector>> = vec![Box::new(NativeDetector::new())];
         // OpenCV 4.6 ends at 36h11.
         #[cfg(feature = "opencv")]
         if dictionary <= Dictionary::AprilTag36h11 {

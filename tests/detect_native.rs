@@ -6,16 +6,17 @@ mod rendering;
 mod scene;
 
 use cellmap::detect::native::NativeDetector;
-use cellmap::detect::{Detector, Dictionary, Pattern};
+use cellmap::detect::{Detector, Dictionary, GreyPicture, Pattern};
 use scene::{Scene, Tally, USUAL};
 
 fn tally(scene: &Scene, seeds: std::ops::Range<u64>) -> Tally {
     let ids = (0..scene.dictionary.tag_count()).collect();
     let wanted = [Pattern::Tags { dictionary: scene.dictionary, ids }];
     let mut tally = Tally::default();
+    let detector = if scene.inverted { NativeDetector::with_inverted() } else { NativeDetector::new() };
     for seed in seeds {
         let (picture, truth) = scene.render(seed, None);
-        let found = NativeDetector.detect(&picture, None, &wanted).unwrap();
+        let found = detector.detect(&picture, None, &wanted).unwrap();
         let corners: Vec<_> =
             found.iter().map(|c| (c.tag.unwrap(), c.corner as usize, c.pixel, c.covariance.unwrap())).collect();
         tally.add(&truth, &corners);
@@ -48,5 +49,37 @@ fn clutter_is_no_tag() {
     for dictionary in [Dictionary::Aruco4x4_50, Dictionary::AprilTag16h5, Dictionary::Aruco6x6_1000] {
         let t = tally(&Scene { dictionary, tags: 0, clutter: true, ..USUAL }, 0..20);
         assert_eq!(t.false_ids, 0.0, "{dictionary}");
+    }
+}
+
+#[test]
+fn inverted_tags_are_found_only_if_wanted() {
+    let (picture, truth) = Scene { inverted: true, ..USUAL }.render(0, None);
+    let found = |detector: NativeDetector| detector.find_tags(&picture, &[USUAL.dictionary])[0].len();
+    assert_eq!(found(NativeDetector::with_inverted()), truth.len());
+    assert_eq!(found(NativeDetector::new()), 0);
+}
+
+/// Wherever a tag stands, and whatever stands above it.
+#[test]
+fn a_tag_is_found_on_every_row() {
+    let (width, height, cell) = (160, 130, 6);
+    let cells = Dictionary::Aruco6x6_250.cells(7).unwrap();
+    for top in 10..70 {
+        let mut pixels = vec![215; width * height];
+        // A frame of 30 rows, no tag.
+        for (row, column) in (5..35).flat_map(|row| (5..35).map(move |column| (row, column))) {
+            if !(10..30).contains(&row) || !(10..30).contains(&column) {
+                pixels[row * width + column] = 30;
+            }
+        }
+        for (row, column) in (0..8 * cell).flat_map(|row| (0..8 * cell).map(move |column| (row, column))) {
+            if !cells[row / cell * 8 + column / cell] {
+                pixels[(top + row) * width + 80 + column] = 30;
+            }
+        }
+        let picture = GreyPicture::new(width, height, pixels).unwrap();
+        let found = NativeDetector::new().find_tags(&picture, &[Dictionary::Aruco6x6_250]).remove(0);
+        assert_eq!(found.iter().map(|tag| tag.id).collect::<Vec<_>>(), [7], "top row {top}");
     }
 }

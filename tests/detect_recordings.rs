@@ -39,7 +39,7 @@ fn detector() -> Box<dyn Detector> {
     if std::env::var("CELLMAP_DETECTOR").is_ok_and(|name| name == "opencv") {
         return Box::new(cellmap::detect::opencv::OpenCvDetector::new().unwrap());
     }
-    Box::new(NativeDetector)
+    Box::new(NativeDetector::new())
 }
 
 /// Corners found, and the rms difference an axis over those the reference has too.
@@ -137,7 +137,7 @@ fn april_tags_are_printed_the_right_way_up() {
         expected.entry((field[0].parse().unwrap(), field[1].parse().unwrap())).or_default()
             [field[4].parse::<usize>().unwrap()] = [field[5].parse().unwrap(), field[6].parse().unwrap()];
     }
-    let detector = NativeDetector;
+    let detector = NativeDetector::new();
     let mut found = 0;
     for image in 0..3 {
         let picture = GreyPicture::read(&folder.join(format!("images/{image}.jpg")), None).unwrap();

@@ -8,6 +8,7 @@ use super::output::{print_json, progress_bar, say, stop_requested};
 use super::{LayoutArguments, NOT_TRUSTWORTHY, use_threads};
 use cellmap::complaint::InputError;
 use cellmap::detect::Detector;
+use cellmap::detect::native::NativeDetector;
 use cellmap::export::Document;
 use cellmap::recording::DEFAULT_DETECTIONS;
 use cellmap::workflow::detect::{Detected, Watch, detect};
@@ -28,6 +29,9 @@ pub(super) struct Detect {
     /// Who finds patterns: `native`, or `opencv` where built with it
     #[arg(long, value_enum, default_value_t, value_name = "NAME", hide_possible_values = true)]
     detector: Finder,
+    /// Also find tags printed with black and white exchanged
+    #[arg(long)]
+    inverted: bool,
     /// Also draw what was found into the pictures, in this folder
     #[arg(long, value_name = "DIR")]
     draw: Option<PathBuf>,
@@ -41,7 +45,7 @@ impl Detect {
         use_threads(self.threads);
         let layout = self.common.read()?;
         let out = self.out.clone().unwrap_or_else(|| layout.recording.join(DEFAULT_DETECTIONS));
-        let detector = self.detector.make(&layout.file)?;
+        let detector = self.detector.make(self.inverted, &layout.file)?;
         let bar = progress_bar("detecting");
         let progress = |done: usize, all: usize| {
             bar.set_length(all as u64);
@@ -79,10 +83,17 @@ pub(super) enum Finder {
 
 impl Finder {
     /// # Errors
-    /// When the program was built without it.
-    pub(super) fn make(self, layout: &std::path::Path) -> Result<Box<dyn Detector>, InputError> {
+    /// When the program was built without it, or it cannot find inverted tags.
+    pub(super) fn make(self, inverted: bool, layout: &std::path::Path) -> Result<Box<dyn Detector>, InputError> {
         match self {
-            Self::Native => Ok(Box::new(cellmap::detect::native::NativeDetector)),
+            Self::Native if inverted => Ok(Box::new(NativeDetector::with_inverted())),
+            Self::Native => Ok(Box::new(NativeDetector::new())),
+            Self::Opencv if inverted => Err(cellmap::complaint::Complaint::of(
+                layout,
+                "inverted tags are not looked for with OpenCV",
+                "use `--detector native`",
+            )
+            .into()),
             #[cfg(feature = "opencv")]
             Self::Opencv => {
                 let detector = cellmap::detect::opencv::OpenCvDetector::new().map_err(|error| {

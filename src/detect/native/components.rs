@@ -22,8 +22,20 @@ const LEAST_SHORT: u32 = 4;
 struct Run {
     start: u32,
     end: u32,
-    /// Place of a run of the same patch, not after this one.
+    /// The label of its patch.
+    label: u32,
+}
+
+/// What is known of a patch, or of a part of it that was united with another since.
+#[derive(Debug, Clone, Copy)]
+struct Label {
+    /// A label of the same patch, not after this one. The rest counts where this is the label itself.
     parent: u32,
+    left: u32,
+    right: u32,
+    top: u32,
+    bottom: u32,
+    area: u32,
 }
 
 /// Extents of a patch, row by row from `top`.
@@ -60,6 +72,7 @@ impl Patches {
 #[derive(Debug, Default)]
 struct Runs {
     runs: Vec<Run>,
+    labels: Vec<Label>,
     /// Where each row's runs begin; one more at the end.
     rows: Vec<u32>,
     /// Places of the first runs of the row above and of this one.
@@ -70,6 +83,7 @@ struct Runs {
 impl Runs {
     fn clear(&mut self) {
         self.runs.clear();
+        self.labels.clear();
         self.rows.clear();
         self.rows.push(0);
         (self.above, self.here) = (0, 0);
@@ -77,47 +91,47 @@ impl Runs {
 
     #[inline(always)]
     fn push(&mut self, start: u32, end: u32) {
-        let parent = self.runs.len() as u32;
-        self.runs.push(Run { start, end, parent });
-    }
-
-    fn root(&mut self, mut run: u32) -> u32 {
-        loop {
-            let parent = self.runs[run as usize].parent;
-            if parent == run {
-                return run;
-            }
-            let grandparent = self.runs[parent as usize].parent;
-            self.runs[run as usize].parent = grandparent;
-            run = grandparent;
-        }
+        self.runs.push(Run { start, end, label: 0 });
     }
 
     /// Unites the runs of the row that just ended with those above it.
     fn end_row(&mut self) {
+        let row = self.rows.len() as u32 - 1;
         let end = self.runs.len();
-        let mut above = self.above;
-        for this in self.here..end {
-            let Run { start, end, .. } = self.runs[this];
-            while above < self.here && self.runs[above].end < start {
-                above += 1;
+        let (old, new) = self.runs.split_at_mut(self.here);
+        let mut above = old.get(self.above..).unwrap_or(&[]);
+        for run in new {
+            while let [first, rest @ ..] = above
+                && first.end < run.start
+            {
+                above = rest;
             }
-            let mut touching = above;
             let mut mine = None;
-            while touching < self.here && self.runs[touching].start <= end {
-                let other = self.root(touching as u32);
+            for other in above.iter().take_while(|other| other.start <= run.end) {
+                let other = root(&mut self.labels, other.label);
                 mine = Some(match mine {
                     None => other,
-                    Some(mine) => {
-                        let (first, second) = (other.min(mine), other.max(mine));
-                        self.runs[second as usize].parent = first;
-                        first
-                    }
+                    Some(mine) if mine == other => mine,
+                    Some(mine) => unite(&mut self.labels, mine, other),
                 });
-                touching += 1;
             }
-            if let Some(root) = mine {
-                self.runs[this].parent = root;
+            let area = run.end - run.start;
+            run.label = mine.unwrap_or(self.labels.len() as u32);
+            match self.labels.get_mut(run.label as usize) {
+                Some(label) => {
+                    label.left = label.left.min(run.start);
+                    label.right = label.right.max(run.end);
+                    label.bottom = row;
+                    label.area += area;
+                }
+                None => self.labels.push(Label {
+                    parent: run.label,
+                    left: run.start,
+                    right: run.end,
+                    top: row,
+                    bottom: row,
+                    area,
+                }),
             }
         }
         self.rows.push(end as u32);
@@ -127,49 +141,27 @@ impl Runs {
     /// Keeps the patches that may be tags.
     fn patches(&mut self, width: u32) -> Patches {
         const NONE: u32 = u32::MAX;
-        struct Box {
-            left: u32,
-            right: u32,
-            top: u32,
-            bottom: u32,
-            area: u32,
-        }
-        let mut boxes: Vec<Box> = Vec::new();
         let height = self.rows.len() as u32 - 1;
-        // A parent stands before its children, so one sweep numbers all patches: `parent` becomes the patch's number.
-        let mut from = 0;
-        for (row, to) in self.rows.iter().skip(1).enumerate() {
-            for this in from..*to as usize {
-                let Run { start, end, parent } = self.runs[this];
-                let patch = if parent as usize == this {
-                    boxes.push(Box { left: start, right: end, top: row as u32, bottom: row as u32, area: 0 });
-                    boxes.len() as u32 - 1
-                } else {
-                    self.runs[parent as usize].parent
-                };
-                self.runs[this].parent = patch;
-                let Some(bounds) = boxes.get_mut(patch as usize) else { continue };
-                bounds.left = bounds.left.min(start);
-                bounds.right = bounds.right.max(end);
-                bounds.bottom = row as u32;
-                bounds.area += end - start;
-            }
-            from = *to as usize;
-        }
         let mut found = Patches::default();
-        let mut places = Vec::with_capacity(boxes.len());
+        // For each label where its patch's extents would begin if the patch began as many rows higher as the picture has.
+        let mut places: Vec<u32> = Vec::with_capacity(self.labels.len());
         let mut total = 0u32;
-        for bounds in &boxes {
-            let (across, down) = (bounds.right - bounds.left, bounds.bottom - bounds.top + 1);
-            let whole = bounds.left > 0 && bounds.top > 0 && bounds.right < width && bounds.bottom + 1 < height;
+        for (k, label) in (0..).zip(&self.labels) {
+            if label.parent != k {
+                // Parents come first.
+                places.push(places[label.parent as usize]);
+                continue;
+            }
+            let (across, down) = (label.right - label.left, label.bottom - label.top + 1);
+            let whole = label.left > 0 && label.top > 0 && label.right < width && label.bottom + 1 < height;
             // A closed border has at least twice the pixels of its box's two sides, less what slant takes away.
             let kept = whole
                 && across.max(down) >= LEAST_LONG
                 && across.min(down) >= LEAST_SHORT
-                && u64::from(bounds.area) * 4 >= u64::from(across + down) * 5;
-            places.push(if kept { total.wrapping_sub(bounds.top) } else { NONE });
+                && u64::from(label.area) * 4 >= u64::from(across + down) * 5;
+            places.push(if kept { total + (height - label.top) } else { NONE });
             if kept {
-                found.patches.push([bounds.top, total, down, bounds.area]);
+                found.patches.push([label.top, total, down, label.area]);
                 total += down;
             }
         }
@@ -178,9 +170,9 @@ impl Runs {
         let mut from = 0;
         for (row, to) in self.rows.iter().skip(1).enumerate() {
             for run in &self.runs[from..*to as usize] {
-                let place = places[run.parent as usize];
+                let place = places[run.label as usize];
                 if place != NONE {
-                    let at = place.wrapping_add(row as u32) as usize;
+                    let at = (place + row as u32 - height) as usize;
                     found.left[at] = found.left[at].min(run.start);
                     found.right[at] = found.right[at].max(run.end);
                 }
@@ -191,31 +183,77 @@ impl Runs {
     }
 }
 
+/// The label that counts for a patch.
+#[inline(always)]
+fn root(labels: &mut [Label], mut label: u32) -> u32 {
+    loop {
+        let parent = labels[label as usize].parent;
+        if parent == label {
+            return label;
+        }
+        let grandparent = labels[parent as usize].parent;
+        labels[label as usize].parent = grandparent;
+        label = grandparent;
+    }
+}
+
+/// Makes one patch of two; returns the label that counts from now on.
+fn unite(labels: &mut [Label], one: u32, other: u32) -> u32 {
+    let (first, second) = (one.min(other), one.max(other));
+    let gone = labels[second as usize];
+    labels[second as usize].parent = first;
+    let kept = &mut labels[first as usize];
+    kept.left = kept.left.min(gone.left);
+    kept.right = kept.right.max(gone.right);
+    kept.top = kept.top.min(gone.top);
+    kept.bottom = kept.bottom.max(gone.bottom);
+    kept.area += gone.area;
+    first
+}
+
 thread_local! {
     /// The memory of the last picture's runs: getting it anew from the system each time costs as much as filling it.
     static MEMORY: RefCell<[Runs; 2]> = RefCell::default();
 }
 
-/// The dark and the bright patches that may be tags.
-pub(super) fn patches(picture: &GreyPicture, tiles: &Tiles) -> [Patches; 2] {
+/// The dark and the bright patches that may be tags, as far as they are wanted.
+pub(super) fn patches(picture: &GreyPicture, tiles: &Tiles, wanted: Wanted) -> [Patches; 2] {
     MEMORY.with_borrow_mut(|[dark, bright]| {
-        collect(picture, tiles, dark, bright);
+        match wanted {
+            Wanted { dark: true, bright: true } => collect::<true, true>(picture, tiles, dark, bright),
+            Wanted { dark: true, bright: false } => collect::<true, false>(picture, tiles, dark, bright),
+            Wanted { dark: false, bright: true } => collect::<false, true>(picture, tiles, dark, bright),
+            Wanted { dark: false, bright: false } => return [Patches::default(), Patches::default()],
+        }
         let width = picture.width() as u32;
         let found = [dark.patches(width), bright.patches(width)];
         for runs in [dark, bright] {
             // A giant picture's memory is not kept.
             runs.runs.shrink_to(1 << 18);
+            runs.labels.shrink_to(1 << 16);
         }
         found
     })
 }
 
-fn collect(picture: &GreyPicture, tiles: &Tiles, dark_runs: &mut Runs, bright_runs: &mut Runs) {
+/// The shades that are looked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Wanted {
+    pub dark: bool,
+    pub bright: bool,
+}
+
+fn collect<const DARK: bool, const BRIGHT: bool>(
+    picture: &GreyPicture,
+    tiles: &Tiles,
+    dark_runs: &mut Runs,
+    bright_runs: &mut Runs,
+) {
     let (width, height) = (picture.width(), picture.height());
     dark_runs.clear();
     bright_runs.clear();
     let padded = tiles.columns * TILE;
-    let (mut levels, mut flags) = (vec![0u8; padded], vec![0u8; padded]);
+    let (mut levels, mut flags) = (vec![0u8; padded], vec![0u8; padded.next_multiple_of(WORD)]);
     let mut spans: Vec<std::ops::Range<usize>> = Vec::new();
     let arch = Arch::new();
     for row in 0..height {
@@ -237,15 +275,19 @@ fn collect(picture: &GreyPicture, tiles: &Tiles, dark_runs: &mut Runs, bright_ru
         let pixels = picture.pixels().get(row * width..(row + 1) * width).unwrap_or(&[]);
         for span in &spans {
             let (pixels, levels) = (&pixels[span.clone()], &levels[span.clone()]);
-            let flags = &mut flags[..pixels.len().next_multiple_of(TILE)];
+            let flags = &mut flags[..pixels.len().next_multiple_of(WORD)];
             arch.dispatch(Darker { pixels, levels, flags });
             // Padding repeats the last pixel, so that a bright run does not end early and a dark one not late.
             let last = flags[pixels.len() - 1];
             flags[pixels.len()..].fill(last);
-            cut(flags, span.clone(), dark_runs, bright_runs);
+            cut::<DARK, BRIGHT>(flags, span.clone(), dark_runs, bright_runs);
         }
-        dark_runs.end_row();
-        bright_runs.end_row();
+        if DARK {
+            dark_runs.end_row();
+        }
+        if BRIGHT {
+            bright_runs.end_row();
+        }
     }
 }
 
@@ -267,42 +309,48 @@ impl WithSimd for Darker<'_> {
     }
 }
 
-/// Cuts a span of a row into runs.
-fn cut(flags: &[u8], span: std::ops::Range<usize>, dark: &mut Runs, bright: &mut Runs) {
-    const ALL: u64 = 0x0101_0101_0101_0101;
+/// Pixels that [`cut`] looks at together.
+const WORD: usize = 64;
+
+/// Cuts a span of a row into runs. `flags` is padded with its last value to whole words.
+fn cut<const DARK: bool, const BRIGHT: bool>(
+    flags: &[u8],
+    span: std::ops::Range<usize>,
+    dark: &mut Runs,
+    bright: &mut Runs,
+) {
     let (mut begin, mut at) = (span.start as u32, span.start as u32);
-    // Eight times the last flag, and that as a bit.
-    let (mut last, mut shade) = (0, 0);
-    for eight in flags.chunks_exact(TILE) {
-        let eight = eight.try_into().map_or(0, u64::from_le_bytes);
-        // Mostly nothing changes.
-        if eight != last {
-            // Byte i, which is 0 or 1, becomes bit i of the highest byte.
-            let bits = (eight.wrapping_mul(0x0102_0408_1020_4080) >> 56) as u32;
-            let mut changes = bits ^ ((bits << 1) | shade) & 0xff;
-            while changes != 0 {
-                let bit = changes.trailing_zeros();
-                let place = at + bit;
-                if place > begin {
-                    if (bits >> bit) & 1 == 0 {
-                        dark.push(begin, place);
-                    } else {
-                        bright.push(begin, place);
-                    }
+    // The last pixel of the word before.
+    let mut shade = u64::from(flags.first().copied().unwrap_or(0));
+    for word in flags.chunks_exact(WORD) {
+        // Byte i of an eight, which is 0 or 1, becomes bit i of the highest byte.
+        let bits = word.chunks_exact(8).rev().fold(0, |bits, eight| {
+            let eight = eight.try_into().map_or(0, u64::from_le_bytes);
+            (bits << 8) | (eight.wrapping_mul(0x0102_0408_1020_4080) >> 56)
+        });
+        let mut changes = bits ^ ((bits << 1) | shade);
+        while changes != 0 {
+            let bit = changes.trailing_zeros();
+            let place = at + bit;
+            if (bits >> bit) & 1 == 0 {
+                if DARK {
+                    dark.push(begin, place);
                 }
-                begin = place;
-                changes &= changes - 1;
+            } else if BRIGHT {
+                bright.push(begin, place);
             }
-            shade = bits >> 7;
-            last = if shade == 1 { ALL } else { 0 };
+            begin = place;
+            changes &= changes - 1;
         }
-        at += TILE as u32;
+        shade = bits >> (WORD - 1);
+        at += WORD as u32;
     }
     // Padding repeats the last flag and so changes nothing.
     let end = span.end as u32;
-    if shade == 1 {
+    if shade == 1 && DARK {
         dark.push(begin, end);
-    } else {
+    }
+    if shade == 0 && BRIGHT {
         bright.push(begin, end);
     }
 }

@@ -24,12 +24,27 @@ use super::patterns::{Finder, FoundTag, detect_with};
 use super::picture::GreyPicture;
 use super::{Corner, DetectError, Detector, Dictionary, Lens, Pattern};
 use codebook::Codebook;
+use components::Wanted;
 
 /// Tags, checkerboards and ChArUco boards without any library. Free to make and to share.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct NativeDetector;
+pub struct NativeDetector {
+    inverted: bool,
+}
 
 impl NativeDetector {
+    /// Finds tags as their family prints them.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Finds tags printed with black and white exchanged too. The search then takes up to twice as long.
+    #[must_use]
+    pub fn with_inverted() -> Self {
+        Self { inverted: true }
+    }
+
     /// Every tag of some dictionaries in a picture, an id as often as it is seen; in the order of `dictionaries`.
     ///
     /// Corners are within a third of a pixel or so. The search costs the same for many dictionaries as for one.
@@ -38,14 +53,16 @@ impl NativeDetector {
         let books: Vec<&Codebook> = dictionaries.iter().map(|dictionary| Codebook::of(*dictionary)).collect();
         let mut found: Vec<Vec<FoundTag>> = vec![Vec::new(); books.len()];
         let tiles = tiles::tiles(picture);
-        let [dark, bright] = components::patches(picture, &tiles);
+        let looked_for = |book: &Codebook, bright: bool| self.inverted || book.bright_inside == bright;
+        let [dark, bright] = [false, true].map(|bright| books.iter().any(|book| looked_for(book, bright)));
+        let [dark, bright] = components::patches(picture, &tiles, Wanted { dark, bright });
         let mut hull = Vec::new();
         let mut reader = reading::Reader::default();
         for (patches, bright_inside) in [(dark, false), (bright, true)] {
             for patch in patches.iter() {
                 let Some(quad) = outline::quadrangle(&patch, &mut hull) else { continue };
                 let Some(quad) = outline::settle(picture, quad, bright_inside) else { continue };
-                for (book, found) in books.iter().zip(&mut found) {
+                for (book, found) in books.iter().zip(&mut found).filter(|(book, _)| looked_for(book, bright_inside)) {
                     if let Some(read) = reader.read(picture, quad, bright_inside, book) {
                         found.push(FoundTag { id: read.id, corners: read.corners, bright_inside, close: true });
                     }
@@ -83,7 +100,7 @@ impl Finder for NativeDetector {
 
 impl Detector for NativeDetector {
     fn name(&self) -> &'static str {
-        "native"
+        if self.inverted { "native, inverted too" } else { "native" }
     }
 
     fn detect(

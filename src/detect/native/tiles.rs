@@ -11,7 +11,7 @@ use pulp::{Arch, Simd, WithSimd};
 
 use crate::detect::picture::GreyPicture;
 
-/// Edge of a tile, px. The bits of a row of a tile are one byte in [`super::components`].
+/// Edge of a tile, px.
 pub(super) const TILE: usize = 8;
 /// Grey levels between the darkest and the brightest around a tile below which it is flat.
 const FLAT: u8 = 18;
