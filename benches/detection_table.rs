@@ -20,6 +20,9 @@ use cellmap::geometry::{Intrinsics, LensModel};
 use opencv_peer::Peer;
 use scene::{Scene, Tally, Truth, USUAL};
 
+/// Id, corner, pixel, covariance.
+type Found = (u32, usize, [f64; 2], [f64; 3]);
+
 /// Who is measured.
 enum Contender {
     Library(Box<dyn Detector>),
@@ -41,7 +44,7 @@ impl Contender {
         lens: Option<&dyn Lens>,
         scene: &Scene,
         repeats: usize,
-    ) -> (f64, Vec<(u32, usize, [f64; 2], [f64; 3])>) {
+    ) -> (f64, Vec<Found>) {
         match self {
             Self::Library(detector) => {
                 let ids = (0..scene.dictionary.tag_count()).collect();

@@ -6,6 +6,9 @@ use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use cellmap::detect::{Dictionary, GreyPicture};
 use serde_json::{Value, json};
 
+/// An id and its four corners.
+type Quad = (u32, [[f64; 2]; 4]);
+
 /// A running `serve.py`.
 pub struct Peer {
     process: Child,
@@ -31,12 +34,7 @@ impl Peer {
     }
 
     /// Least time of a call in ms, ids and corners. Nothing, at no cost, for a dictionary that OpenCV does not have.
-    pub fn look(
-        &mut self,
-        picture: &GreyPicture,
-        dictionary: Dictionary,
-        repeats: usize,
-    ) -> (f64, Vec<(u32, [[f64; 2]; 4])>) {
+    pub fn look(&mut self, picture: &GreyPicture, dictionary: Dictionary, repeats: usize) -> (f64, Vec<Quad>) {
         let Some(name) = opencv_name(dictionary) else { return (0.0, Vec::new()) };
         let ask = json!({"dictionary": name, "width": picture.width(), "height": picture.height(), "repeats": repeats});
         let sent = writeln!(self.to, "{ask}").and_then(|()| self.to.write_all(picture.pixels()));
