@@ -217,23 +217,41 @@ impl Chain {
         to: usize,
         wanted: &[usize],
     ) -> (Pose, Matrix6xX<f64>) {
-        let whole = self.segment(joints, corrections, from, to);
         let mut jacobian = Matrix6xX::zeros(wanted.len());
-        let mut before = Pose::identity();
+        let mut columns = vec![[0.0; 6]; wanted.len()];
+        let whole = self.differentiate_segment(joints, corrections, from, to, wanted, &mut columns);
+        for (mut column, values) in jacobian.column_iter_mut().zip(&columns) {
+            column.copy_from_slice(values);
+        }
+        (whole, jacobian)
+    }
+
+    /// As [`Chain::segment_with_parameters`], into columns that are there already: `columns[k]` belongs to `wanted[k]`.
+    pub fn differentiate_segment(
+        &self,
+        joints: &[f64],
+        corrections: &[f64],
+        from: usize,
+        to: usize,
+        wanted: &[usize],
+        columns: &mut [[f64; 6]],
+    ) -> Pose {
+        let whole = self.segment(joints, corrections, from, to);
+        columns.fill([0.0; 6]);
+        let mut before = whole.inverse();
         for place in from..to {
             let step = self.step(joints, corrections, place);
-            for (column, &parameter) in wanted.iter().enumerate() {
+            for (column, &parameter) in columns.iter_mut().zip(wanted) {
                 if parameter / PARAMETERS_PER_LINK != place || place >= self.links.len() {
                     continue;
                 }
                 let kind = parameter % PARAMETERS_PER_LINK;
                 let twist = self.links[place].generator(kind);
-                let spot = before * step.spots[kind];
-                jacobian.set_column(column, &((whole.inverse() * spot).adjoint() * twist));
+                *column = ((before * step.spots[kind]).adjoint() * twist).into();
             }
             before = before * step.whole;
         }
-        (whole, jacobian)
+        whole
     }
 
     /// The joint Jacobian of `base_from_flange`, a twist in the flange's frame per unit of each joint value: 6 x joints.

@@ -1,39 +1,31 @@
 //! From condensed blocks to the normal equations of the shared unknowns.
 //!
-//! The work is cut into *units* by the data alone: a run of blocks of one group, or, where targets move, everything at one configuration.
+//! The work is cut into *units* by the data alone: a run of blocks of one group, or, where targets move, everything at some configurations.
 //! Each unit fills its own compact matrix, in parallel; the sums are folded in the order of units, so the bits do not depend on how many threads
-//! there were.
+//! there were. After the first linearisation nothing is allocated any more.
 
+use pulp::Arch;
 use rayon::prelude::*;
 
 use super::chain::{SegmentValues, pose_along, pose_and_jacobian};
-use super::expand::{add_compact, expand_condensed};
-use super::kernels::{self, Condensed, Corners};
-use super::local::{LocalUnit, local_units};
+use super::corners::{self, View};
+use super::expand::Expand;
+use super::kernels::{self, Condensed};
+use super::local::{Bundle, LocalUnit, bundles};
 use super::loss::Loss;
+pub use super::normal::Normal;
+use super::pack::Packed;
 use super::plan::{Block, CompiledPath, Group, GroupKind, Plan};
 use super::prior::Priors;
+use super::robots::{RobotData, fill_segments, robot_data};
 use super::state::State;
 use super::unknowns::UnknownKind;
-use crate::geometry::lens::with_lens;
 use crate::geometry::{Intrinsics, LensModel, Pose};
-use crate::layout::{Layout, Motion};
-use crate::recording::{Recording, RobotMotion};
-use crate::robot::Chain;
+use crate::layout::Layout;
+use crate::recording::Recording;
 
 /// Corners a unit holds at most, in whole blocks: enough to hide the cost of a task, few enough to share out evenly.
 const UNIT_MEASUREMENTS: usize = 4096;
-
-/// The normal equations of the shared unknowns, moving targets included as they were condensed.
-#[derive(Clone, Debug, Default)]
-pub struct Normal {
-    /// `J^T W J`, row-major, both triangles; local unknowns not yet eliminated.
-    pub hessian: Vec<f64>,
-    /// `J^T W r`.
-    pub gradient: Vec<f64>,
-    /// The robust cost.
-    pub cost: f64,
-}
 
 /// A run of blocks of one group with a compact matrix of its own.
 #[derive(Clone, Debug)]
@@ -43,63 +35,73 @@ struct Unit {
     /// Row-major over (path columns, active lens columns, residual).
     matrix: Vec<f64>,
     cost: f64,
+    scratch: Scratch,
 }
 
-/// How a robot's joints are known, ready for the loop.
+/// How the compact columns of a group are laid out.
 #[derive(Clone, Debug)]
-struct RobotData<'a> {
-    chain: Option<&'a Chain>,
-    /// By configuration of the plan.
-    joints: Vec<&'a [f64]>,
-    flange: Vec<Pose>,
-    /// Correction places that are unknown.
-    wanted: Vec<usize>,
+pub(super) struct Shape {
+    /// Columns of its compact matrix: its path's, its lens', the residual.
+    pub(super) width: usize,
+    /// The shared columns behind them: (compact, shared, count).
+    pub(super) shared: Vec<(usize, usize, usize)>,
+    /// Where each compact column without the residual is in the shared equations; only for groups without moving edges.
+    columns: Vec<usize>,
+    /// The unknown lens parameters.
+    lens: Vec<usize>,
+}
+
+/// Buffers for expanding one block.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Scratch {
+    jacobian: Vec<[f64; 6]>,
+    product: Vec<f64>,
+    condensed: Condensed,
 }
 
 /// Linearises and evaluates a plan.
 #[derive(Debug)]
 pub struct Assembler<'a> {
     pub(super) plan: &'a Plan,
-    pub(super) loss: Loss,
+    loss: Loss,
+    arch: Arch,
     lens_models: Vec<LensModel>,
-    /// For each camera, its unknown lens parameters and their first shared column.
-    lens_columns: Vec<(Vec<usize>, usize)>,
     robots: Vec<RobotData<'a>>,
     pub(super) priors: Priors,
+    /// By group.
+    pub(super) shapes: Vec<Shape>,
     units: Vec<Unit>,
-    pub(super) local: Vec<LocalUnit>,
+    pub(super) bundles: Vec<Bundle>,
+    packed: Packed,
     segments: Vec<SegmentValues>,
     trial_segments: Vec<SegmentValues>,
+    /// Costs of units, then of bundles, at a trial.
+    trial_costs: Vec<f64>,
 }
 
 impl<'a> Assembler<'a> {
-    /// Prepares the loop: everything it needs is allocated here.
+    /// Prepares the loop.
     #[must_use]
     pub fn new(layout: &'a Layout, recording: &'a Recording, plan: &'a Plan, priors: Priors) -> Self {
         let model = |intrinsics: &Option<Intrinsics>| intrinsics.as_ref().map_or(LensModel::Pinhole, Intrinsics::model);
-        let lens_columns = (0..layout.cameras.len()).map(|camera| {
-            plan.unknowns.lens(camera).map_or((Vec::new(), 0), |block| match &plan.unknowns.blocks[block].kind {
-                UnknownKind::Lens { places, .. } => (places.clone(), plan.unknowns.blocks[block].start),
-                _ => (Vec::new(), 0),
-            })
-        });
         let mut assembler = Self {
             plan,
             loss: plan.settings.loss.into(),
+            arch: Arch::new(),
             lens_models: layout.cameras.iter().map(|camera| model(&camera.intrinsics)).collect(),
-            lens_columns: lens_columns.collect(),
             robots: robot_data(layout, recording, plan),
             priors,
+            shapes: plan.groups.iter().map(|group| shape(plan, group)).collect(),
             units: Vec::new(),
-            local: local_units(plan),
-            segments: Vec::new(),
-            trial_segments: Vec::new(),
+            bundles: Vec::new(),
+            packed: Packed::default(),
+            segments: vec![SegmentValues::default(); plan.segments.len()],
+            trial_segments: vec![SegmentValues::default(); plan.segments.len()],
+            trial_costs: Vec::new(),
         };
         assembler.units = assembler.cut_units();
-        let widths: Vec<usize> = plan.groups.iter().map(|group| assembler.width(group)).collect();
-        assembler.local.iter_mut().for_each(|local| local.size_buffers(&widths));
-        assembler.segments = vec![SegmentValues::default(); plan.segments.len()];
-        assembler.trial_segments = assembler.segments.clone();
+        assembler.bundles = bundles(&assembler);
+        assembler.trial_costs = vec![0.0; assembler.units.len() + assembler.bundles.len()];
         assembler
     }
 
@@ -112,7 +114,7 @@ impl<'a> Assembler<'a> {
         let mut units = Vec::new();
         for (index, group) in self.plan.groups.iter().enumerate().filter(|(_, group)| group.compiled.moving.is_empty())
         {
-            let width = self.width(group);
+            let width = self.shapes[index].width;
             let mut start = 0;
             while start < group.blocks.len() {
                 let (mut end, mut count) = (start, 0);
@@ -120,69 +122,67 @@ impl<'a> Assembler<'a> {
                     count += group.blocks[end].end - group.blocks[end].start;
                     end += 1;
                 }
-                units.push(Unit { group: index, blocks: start..end, matrix: vec![0.0; width * width], cost: 0.0 });
+                units.push(Unit {
+                    group: index,
+                    blocks: start..end,
+                    matrix: vec![0.0; width * width],
+                    cost: 0.0,
+                    scratch: Scratch::default(),
+                });
                 start = end;
             }
         }
         units
     }
 
-    /// Columns of a group's compact matrix: its path's, its lens', the residual.
-    pub(super) fn width(&self, group: &Group) -> usize {
-        group.compiled.columns + self.lens_of(group).0.len() + 1
-    }
-
-    fn lens_of(&self, group: &Group) -> (&[usize], usize) {
-        match group.kind {
-            GroupKind::Corners { camera } => (&self.lens_columns[camera].0, self.lens_columns[camera].1),
-            _ => (&[], 0),
+    /// Lays out the corners for the loss in force, if they are not.
+    fn pack(&mut self) {
+        let folded = self.loss == Loss::Squared;
+        if self.packed.folded != Some(folded) {
+            // The old layout goes first, so that there is never room for both.
+            self.packed = Packed::default();
+            self.packed = Packed::new(self.plan, corners::lanes(self.arch), folded);
         }
-    }
-
-    /// The shared columns behind a group's compact columns: (compact, shared, count).
-    pub(super) fn shared_columns(&self, group: &Group) -> Vec<(usize, usize, usize)> {
-        let mut columns = group.compiled.shared.clone();
-        let (lens, start) = self.lens_of(group);
-        if !lens.is_empty() {
-            columns.push((group.compiled.columns, start, lens.len()));
-        }
-        columns
     }
 
     /// Linearises at `state`: fills the normal equations and every local unit. Returns the cost.
     pub fn linearise(&mut self, state: &State, normal: &mut Normal) -> f64 {
+        self.pack();
         let mut segments = std::mem::take(&mut self.segments);
-        self.fill_segments(state, true, &mut segments);
-        let (mut units, mut local) = (std::mem::take(&mut self.units), std::mem::take(&mut self.local));
+        fill_segments(self.plan, &self.robots, state, true, &mut segments);
+        let (mut units, mut local) = (std::mem::take(&mut self.units), std::mem::take(&mut self.bundles));
         let this: &Self = self;
-        units.par_iter_mut().for_each_init(Scratch::default, |scratch, unit| {
+        units.par_iter_mut().for_each(|unit| {
             unit.matrix.fill(0.0);
             unit.cost = 0.0;
             let group = &this.plan.groups[unit.group];
             for block in &group.blocks[unit.blocks.clone()] {
-                unit.cost += this.expand(group, block, state, &segments, scratch, &mut unit.matrix);
+                let shape = &this.shapes[unit.group];
+                unit.cost += this.expand(group, shape, block, state, &segments, &mut unit.scratch, &mut unit.matrix);
             }
         });
-        local.par_iter_mut().for_each_init(Scratch::default, |scratch, unit| {
-            unit.fill(this, |group, block, matrix| this.expand(group, block, state, &segments, scratch, matrix));
+        local.par_iter_mut().for_each(|bundle| {
+            bundle.fill(this, |group, shape, block, scratch, matrix| {
+                this.expand(group, shape, block, state, &segments, scratch, matrix)
+            });
         });
-        let n = this.plan.unknowns.count;
-        normal.hessian.clear();
-        normal.hessian.resize(n * n, 0.0);
-        normal.gradient.clear();
-        normal.gradient.resize(n, 0.0);
-        normal.cost = 0.0;
+        normal.reset(this.plan.unknowns.count);
         for unit in &units {
-            let group = &this.plan.groups[unit.group];
-            add_compact(&unit.matrix, this.width(group), &this.shared_columns(group), normal);
+            normal.add_upper(&this.shapes[unit.group].columns, &unit.matrix);
             normal.cost += unit.cost;
         }
-        for unit in &local {
-            unit.add_shared(normal);
+        for bundle in &local {
+            bundle.add_shared(normal);
         }
+        normal.mirror();
         this.priors.add(state, normal);
-        (self.units, self.local, self.segments) = (units, local, segments);
+        (self.units, self.bundles, self.segments) = (units, local, segments);
         normal.cost
+    }
+
+    /// Everything that moves, one unit a configuration.
+    pub(super) fn local_units(&self) -> impl Iterator<Item = &LocalUnit> {
+        self.bundles.iter().flat_map(|bundle| &bundle.units)
     }
 
     /// The information matrix of the shared unknowns at the last linearisation with local ones marginalised, row-major.
@@ -190,7 +190,7 @@ impl<'a> Assembler<'a> {
     pub fn information(&self, normal: &Normal) -> Vec<f64> {
         let n = normal.gradient.len();
         let mut matrix = normal.hessian.clone();
-        for unit in &self.local {
+        for unit in self.local_units() {
             let block = unit.marginal();
             for (i, &a) in unit.shared().iter().enumerate() {
                 for (j, &b) in unit.shared().iter().enumerate() {
@@ -204,65 +204,40 @@ impl<'a> Assembler<'a> {
     /// For each moving edge, the configurations (of the plan) at which something sees it.
     #[must_use]
     pub fn moved(&self) -> Vec<Vec<usize>> {
-        let edges = self.local.iter().flat_map(|unit| unit.edges.iter()).max().map_or(0, |edge| edge + 1);
+        let edges = self.local_units().flat_map(|unit| unit.edges.iter()).max().map_or(0, |edge| edge + 1);
         let at = |edge: usize| {
-            self.local.iter().filter(move |unit| unit.edges.contains(&edge)).map(|unit| unit.configuration)
+            self.local_units().filter(move |unit| unit.edges.contains(&edge)).map(|unit| unit.configuration)
         };
         (0..edges).map(|edge| at(edge).collect()).collect()
     }
 
     /// The robust cost at `state`, and nothing else.
     pub fn cost(&mut self, state: &State) -> f64 {
+        self.pack();
         let mut segments = std::mem::take(&mut self.trial_segments);
-        self.fill_segments(state, false, &mut segments);
+        fill_segments(self.plan, &self.robots, state, false, &mut segments);
+        let mut costs = std::mem::take(&mut self.trial_costs);
         let this: &Self = self;
         let block_cost = |group: &Group, block: &Block| this.block_cost(group, block, state, &segments);
-        let costs: Vec<f64> = this
-            .units
-            .par_iter()
-            .map(|unit| {
-                let group = &this.plan.groups[unit.group];
-                group.blocks[unit.blocks.clone()].iter().map(|block| block_cost(group, block)).sum()
-            })
-            .collect();
-        let local: Vec<f64> = this.local.par_iter().map(|unit| unit.cost_of(this.plan, &block_cost)).collect();
-        let total = costs.iter().sum::<f64>() + local.iter().sum::<f64>() + this.priors.cost(state);
-        self.trial_segments = segments;
+        let (of_units, of_bundles) = costs.split_at_mut(this.units.len());
+        this.units.par_iter().zip(of_units).for_each(|(unit, cost)| {
+            let group = &this.plan.groups[unit.group];
+            *cost = group.blocks[unit.blocks.clone()].iter().map(|block| block_cost(group, block)).sum();
+        });
+        this.bundles.par_iter().zip(of_bundles).for_each(|(bundle, cost)| {
+            *cost = bundle.units.iter().map(|unit| unit.cost_of(this.plan, block_cost)).sum();
+        });
+        let total = costs.iter().sum::<f64>() + this.priors.cost(state);
+        (self.trial_segments, self.trial_costs) = (segments, costs);
         total
     }
 
-    fn fill_segments(&self, state: &State, derivatives: bool, out: &mut [SegmentValues]) {
-        let count = self.plan.configurations.len();
-        for (segment, values) in self.plan.segments.iter().zip(out) {
-            let robot = &self.robots[segment.robot];
-            // A robot that is not identified stands where it stands: computed once.
-            if robot.wanted.is_empty() && values.poses.len() == count {
-                continue;
-            }
-            let corrections = &state.corrections[segment.robot];
-            match robot.chain {
-                None => values.poses.clone_from(&robot.flange),
-                Some(chain) => {
-                    let one = |joints: &&[f64]| {
-                        if joints.is_empty() {
-                            (Pose::identity(), nalgebra::Matrix6xX::zeros(robot.wanted.len()))
-                        } else if derivatives && !robot.wanted.is_empty() {
-                            chain.segment_with_parameters(joints, corrections, segment.from, segment.to, &robot.wanted)
-                        } else {
-                            let pose = chain.segment(joints, corrections, segment.from, segment.to);
-                            (pose, nalgebra::Matrix6xX::zeros(0))
-                        }
-                    };
-                    (values.poses, values.jacobians) = robot.joints.par_iter().map(one).unzip();
-                }
-            }
-        }
-    }
-
-    /// Condenses a block and adds its expansion to a compact matrix; returns its cost.
+    /// Condenses a block and adds its expansion to a compact matrix of its group's shape; returns its cost.
+    #[allow(clippy::too_many_arguments, reason = "the inner loop's own, borrowed apart")]
     fn expand(
         &self,
         group: &Group,
+        shape: &Shape,
         block: &Block,
         state: &State,
         segments: &[SegmentValues],
@@ -272,28 +247,17 @@ impl<'a> Assembler<'a> {
         let path: &CompiledPath = &group.compiled;
         scratch.jacobian.resize(path.columns, [0.0; 6]);
         let pose = pose_and_jacobian(path, block.configuration, state, segments, &mut scratch.jacobian);
-        self.condense(group, block, &pose, state, &mut scratch.condensed);
-        let (lens, _) = self.lens_of(group);
-        expand_condensed(&scratch.condensed, &scratch.jacobian, lens, &mut scratch.product, matrix);
+        self.condense(group, block, &pose, state, !shape.lens.is_empty(), &mut scratch.condensed);
+        let Scratch { jacobian, product, condensed } = scratch;
+        self.arch.dispatch(Expand { condensed, jacobian, lens: &shape.lens, product, out: matrix });
         scratch.condensed.cost
     }
 
-    fn condense(&self, group: &Group, block: &Block, pose: &Pose, state: &State, out: &mut Condensed) {
+    fn condense(&self, group: &Group, block: &Block, pose: &Pose, state: &State, free: bool, out: &mut Condensed) {
         let (m, s) = (&self.plan.measurements, &self.plan.settings);
         let range = block.start..block.end;
         match group.kind {
-            GroupKind::Corners { camera } => {
-                let corners = self.corners(range);
-                let lens = &state.lenses[camera];
-                let free = !self.lens_columns[camera].0.is_empty();
-                with_lens!(self.lens_models[camera], L => {
-                    if free {
-                        kernels::condense_corners::<L, { 7 + <L as crate::geometry::lens::Lens>::COUNT }>(corners, pose, lens, self.loss, out);
-                    } else {
-                        kernels::condense_corners::<L, 7>(corners, pose, lens, self.loss, out);
-                    }
-                });
-            }
+            GroupKind::Corners { camera } => self.view(camera, block, pose, state).condense(self.arch, free, out),
             GroupKind::Poses => kernels::condense_poses(&m.poses[range], pose, s.pose_sigma, self.loss, out),
             GroupKind::Points => kernels::condense_points(&m.points[range], pose, s.point_sigma, self.loss, out),
             GroupKind::Contacts => {
@@ -307,22 +271,20 @@ impl<'a> Assembler<'a> {
         let (m, s) = (&self.plan.measurements, &self.plan.settings);
         let range = block.start..block.end;
         match group.kind {
-            GroupKind::Corners { camera } => {
-                let corners = self.corners(range);
-                with_lens!(self.lens_models[camera], L => kernels::corner_cost::<L>(corners, &pose, &state.lenses[camera], self.loss))
-            }
+            GroupKind::Corners { camera } => self.view(camera, block, &pose, state).cost(self.arch),
             GroupKind::Poses => kernels::pose_cost(&m.poses[range], &pose, s.pose_sigma, self.loss),
             GroupKind::Points => kernels::point_cost(&m.points[range], &pose, s.point_sigma, self.loss),
             GroupKind::Contacts => kernels::contact_cost(&m.contacts[range], &pose, s.contact_sigma, self.loss),
         }
     }
 
-    fn corners(&self, range: std::ops::Range<usize>) -> Corners<'_> {
-        let m = &self.plan.measurements;
-        Corners {
-            points: &m.corner_points[range.clone()],
-            pixels: &m.corner_pixels[range.clone()],
-            whiteners: &m.corner_whiteners[range],
+    fn view<'b>(&'b self, camera: usize, block: &Block, camera_from_target: &'b Pose, state: &'b State) -> View<'b> {
+        View {
+            corners: self.packed.block(block),
+            camera_from_target,
+            model: self.lens_models[camera],
+            lens: &state.lenses[camera],
+            loss: self.loss,
         }
     }
 
@@ -330,7 +292,7 @@ impl<'a> Assembler<'a> {
     #[must_use]
     pub fn block_poses(&mut self, state: &State) -> Vec<Vec<Pose>> {
         let mut segments = std::mem::take(&mut self.trial_segments);
-        self.fill_segments(state, false, &mut segments);
+        fill_segments(self.plan, &self.robots, state, false, &mut segments);
         let pose = |group: &Group, block: &Block| pose_along(&group.compiled, block.configuration, state, &segments);
         let poses = self.plan.groups.iter().map(|g| g.blocks.iter().map(|b| pose(g, b)).collect()).collect();
         self.trial_segments = segments;
@@ -338,36 +300,21 @@ impl<'a> Assembler<'a> {
     }
 }
 
-/// Buffers of one thread.
-#[derive(Default)]
-pub(super) struct Scratch {
-    jacobian: Vec<[f64; 6]>,
-    product: Vec<[f64; 6]>,
-    condensed: Condensed,
-}
-
-fn robot_data<'a>(layout: &'a Layout, recording: &'a Recording, plan: &Plan) -> Vec<RobotData<'a>> {
-    let wanted = |robot: usize| {
-        plan.unknowns.links(robot).map_or(Vec::new(), |block| match &plan.unknowns.blocks[block].kind {
-            UnknownKind::Links { places, .. } => places.clone(),
-            _ => Vec::new(),
-        })
-    };
-    let one = |(index, robot): (usize, &'a crate::layout::Robot)| {
-        let mut data = RobotData { chain: None, joints: Vec::new(), flange: Vec::new(), wanted: wanted(index) };
-        if let Motion::Joints { chain, .. } = &robot.motion {
-            data.chain = Some(chain);
+fn shape(plan: &Plan, group: &Group) -> Shape {
+    let (mut lens, mut shared) = (Vec::new(), group.compiled.shared.clone());
+    if let GroupKind::Corners { camera } = group.kind
+        && let Some(block) = plan.unknowns.lens(camera)
+        && let UnknownKind::Lens { places, .. } = &plan.unknowns.blocks[block].kind
+    {
+        lens.clone_from(places);
+        shared.push((group.compiled.columns, plan.unknowns.blocks[block].start, places.len()));
+    }
+    let width = group.compiled.columns + lens.len() + 1;
+    let mut columns = vec![0; if group.compiled.moving.is_empty() { width - 1 } else { 0 }];
+    if !columns.is_empty() {
+        for &(compact, first, count) in &shared {
+            (0..count).for_each(|i| columns[compact + i] = first + i);
         }
-        match &recording.motions[index] {
-            RobotMotion::Joints(values) => {
-                data.joints =
-                    plan.configurations.iter().map(|c| values.get(c).map_or(&[][..], Vec::as_slice)).collect();
-            }
-            RobotMotion::Flange(poses) => {
-                data.flange = plan.configurations.iter().map(|c| poses.get(c).copied().unwrap_or_default()).collect();
-            }
-        }
-        data
-    };
-    layout.robots.iter().enumerate().map(one).collect()
+    }
+    Shape { width, shared, columns, lens }
 }

@@ -1,6 +1,6 @@
 //! The transform along a path at one configuration, and its derivative to every unknown on the way.
 
-use nalgebra::{Matrix6, Matrix6xX};
+use nalgebra::{Matrix6, Vector6};
 
 use super::plan::{CompiledPath, CompiledStep};
 use super::state::State;
@@ -12,8 +12,8 @@ use crate::geometry::Pose;
 pub(super) struct SegmentValues {
     /// `from_from_to` by configuration; identity where the robot's place is not known (no block uses it).
     pub(super) poses: Vec<Pose>,
-    /// 6 x unknown corrections by configuration; empty for a robot that is not identified.
-    pub(super) jacobians: Vec<Matrix6xX<f64>>,
+    /// By configuration, one column for each unknown correction; empty for a robot that is not identified.
+    pub(super) jacobians: Vec<[f64; 6]>,
 }
 
 /// The pose along a path.
@@ -57,9 +57,9 @@ pub(super) fn pose_and_jacobian(
             }
             CompiledStep::Robot { segment, inverse, column: Some((column, count)), .. } => {
                 let adjoint = signed_adjoint(if inverse { &with } else { &after }, inverse);
-                let links = &segments[segment].jacobians[configuration];
-                for c in 0..count {
-                    jacobian[column + c] = (adjoint * links.column(c)).into();
+                let links = &segments[segment].jacobians[configuration * count..(configuration + 1) * count];
+                for (c, link) in links.iter().enumerate() {
+                    jacobian[column + c] = (adjoint * Vector6::from(*link)).into();
                 }
             }
             CompiledStep::Static { column: None, .. } | CompiledStep::Robot { column: None, .. } => {}

@@ -1,6 +1,6 @@
 //! Condensation: all residuals of a block become one small symmetric matrix over (twist, lens, residual).
 //!
-//! With `r` the whitened residuals of a block, `J` their derivative to the twist of the block's transform on the right and to the lens, and `W` the
+//! Corners have kernels of their own ([`super::corners`]); here are the other kinds. With `r` the whitened residuals of a block, `J` their derivative to the twist of the block's transform on the right and to the lens, and `W` the
 //! robust weights, a kernel forms `M = [J r]^T W [J r]`. Its layout is: 3 translations, 3 rotations, the lens parameters, and last the
 //! residual, so that `M`'s last column is the gradient. Only the upper triangle is filled.
 
@@ -8,7 +8,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::loss::Loss;
 use super::plan::Contact;
-use crate::geometry::lens::{Lens, MAX_PARAMETERS};
+use crate::geometry::lens::MAX_PARAMETERS;
 use crate::geometry::{Pose, rotation};
 
 /// The widest matrix: a twist, the largest lens, the residual.
@@ -16,7 +16,7 @@ pub const WIDEST: usize = 7 + MAX_PARAMETERS;
 
 /// Squared whitened residual of a corner that the camera cannot see at the current state: large enough that seeing it is always better,
 /// finite so that costs stay comparable.
-const UNSEEN: f64 = 1e8;
+pub(super) const UNSEEN: f64 = 1e8;
 
 /// A condensed block. `size` counts the rows in use: 7, or 7 plus the lens parameters.
 #[derive(Clone, Debug)]
@@ -33,129 +33,6 @@ impl Default for Condensed {
     fn default() -> Self {
         Self { matrix: [[0.0; WIDEST]; WIDEST], size: 7, cost: 0.0 }
     }
-}
-
-/// The corners of a block.
-#[derive(Clone, Copy, Debug)]
-pub struct Corners<'a> {
-    /// Places in the frame at the path's end, m.
-    pub points: &'a [[f64; 3]],
-    /// Measured pixels.
-    pub pixels: &'a [[f64; 2]],
-    /// See [`super::plan::Measurements::corner_whiteners`].
-    pub whiteners: &'a [[f64; 3]],
-}
-
-/// Rotation rows and translation of a transform, for the inner loop.
-struct Rigid {
-    r: [[f64; 3]; 3],
-    t: [f64; 3],
-}
-
-impl Rigid {
-    fn new(pose: &Pose) -> Self {
-        let m = pose.rotation_matrix();
-        let row = |i: usize| [m[(i, 0)], m[(i, 1)], m[(i, 2)]];
-        Self { r: [row(0), row(1), row(2)], t: pose.translation.into() }
-    }
-
-    #[inline(always)]
-    fn apply(&self, p: &[f64; 3]) -> [f64; 3] {
-        std::array::from_fn(|i| self.r[i][0] * p[0] + self.r[i][1] * p[1] + self.r[i][2] * p[2] + self.t[i])
-    }
-}
-
-/// Condenses corners with a lens of type `L`. `W` is 7 for a lens that is held fixed, else 7 plus `L::COUNT`.
-pub fn condense_corners<L: Lens, const W: usize>(
-    corners: Corners<'_>,
-    camera_from_target: &Pose,
-    lens: &[f64; MAX_PARAMETERS],
-    loss: Loss,
-    out: &mut Condensed,
-) {
-    let rigid = Rigid::new(camera_from_target);
-    let mut m = [[0.0; W]; W];
-    let mut cost = 0.0;
-    for ((point, pixel), whitener) in corners.points.iter().zip(corners.pixels).zip(corners.whiteners) {
-        let [a, b, c] = *whitener;
-        if a == 0.0 {
-            continue;
-        }
-        let Some(at) = L::project_with_derivatives(lens, &rigid.apply(point)) else {
-            cost += 0.5 * loss.evaluate(UNSEEN).0;
-            continue;
-        };
-        let (du, dv) = (at.pixel[0] - pixel[0], at.pixel[1] - pixel[1]);
-        let (ru, rv) = (a * du, b * du + c * dv);
-        let (rho, weight) = loss.evaluate(ru * ru + rv * rv);
-        cost += 0.5 * rho;
-        let root = weight.sqrt();
-        let (a, b, c) = (a * root, b * root, c * root);
-        // Whitened derivative to the point in the camera's frame, turned into the target's axes.
-        let gu: [f64; 3] = std::array::from_fn(|i| a * at.by_point[0][i]);
-        let gv: [f64; 3] = std::array::from_fn(|i| b * at.by_point[0][i] + c * at.by_point[1][i]);
-        let hu = turn(&rigid.r, &gu);
-        let hv = turn(&rigid.r, &gv);
-        let (mut u, mut v) = ([0.0; W], [0.0; W]);
-        u[..3].copy_from_slice(&hu);
-        v[..3].copy_from_slice(&hv);
-        u[3..6].copy_from_slice(&cross(point, &hu));
-        v[3..6].copy_from_slice(&cross(point, &hv));
-        for k in 0..W - 7 {
-            let (fu, fv) = (at.by_parameter[0][k], at.by_parameter[1][k]);
-            u[6 + k] = a * fu;
-            v[6 + k] = b * fu + c * fv;
-        }
-        (u[W - 1], v[W - 1]) = (root * ru, root * rv);
-        for i in 0..W {
-            for j in i..W {
-                m[i][j] += u[i] * u[j] + v[i] * v[j];
-            }
-        }
-    }
-    for (row, from) in out.matrix.iter_mut().zip(&m) {
-        row[..W].copy_from_slice(from);
-    }
-    out.size = W;
-    out.cost = cost;
-}
-
-/// `R^T g`.
-#[inline(always)]
-fn turn(r: &[[f64; 3]; 3], g: &[f64; 3]) -> [f64; 3] {
-    std::array::from_fn(|i| r[0][i] * g[0] + r[1][i] * g[1] + r[2][i] * g[2])
-}
-
-#[inline(always)]
-fn cross(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
-/// The cost of corners alone; a corner that cannot be projected costs [`UNSEEN`].
-pub fn corner_cost<L: Lens>(
-    corners: Corners<'_>,
-    camera_from_target: &Pose,
-    lens: &[f64; MAX_PARAMETERS],
-    loss: Loss,
-) -> f64 {
-    let rigid = Rigid::new(camera_from_target);
-    let mut cost = 0.0;
-    for ((point, pixel), whitener) in corners.points.iter().zip(corners.pixels).zip(corners.whiteners) {
-        let [a, b, c] = *whitener;
-        if a == 0.0 {
-            continue;
-        }
-        let squared = match L::project(lens, &rigid.apply(point)) {
-            Some(at) => {
-                let (du, dv) = (at[0] - pixel[0], at[1] - pixel[1]);
-                let (ru, rv) = (a * du, b * du + c * dv);
-                ru * ru + rv * rv
-            }
-            None => UNSEEN,
-        };
-        cost += 0.5 * loss.evaluate(squared).0;
-    }
-    cost
 }
 
 /// Adds one group of rows `r = [J | residual]` under a common robust weight.

@@ -6,11 +6,10 @@
 
 use std::time::Instant;
 
-use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::linalg::cholesky::llt::{factor, solve};
-use faer::{Conj, Mat, Par};
+use rayon::prelude::*;
 
 use super::assemble::{Assembler, Normal};
+use super::dense::Dense;
 use super::state::State;
 use super::unknowns::UnknownKind;
 use crate::frames::{FrameTree, Freedom};
@@ -135,38 +134,40 @@ pub fn minimise(assembler: &mut Assembler<'_>, tree: &FrameTree, state: &mut Sta
         report.termination = Termination::BadStart;
         return report;
     }
-    if n == 0 && assembler.local.is_empty() {
+    if n == 0 && assembler.bundles.is_empty() {
         report.termination = Termination::NoUnknowns;
         return report;
     }
     let scaling = frozen_scaling(&normal);
     let (mut lambda, mut growth) = (options.damping, 4.0);
+    let (mut step, mut trial) = (Step::new(n), state.clone());
     report.termination = loop {
         let start = Instant::now();
-        let step = solve_step(assembler, &normal, &scaling, lambda);
+        let solved = step.solve(assembler, &normal, &scaling, lambda);
         seconds.factorise += start.elapsed().as_secs_f64();
-        let Some(step) = step else {
+        if !solved {
             lambda = (lambda * growth).max(1e-9);
             growth *= 2.0;
             if lambda > MOST_DAMPING {
                 break Termination::Stuck;
             }
             continue;
-        };
-        let small = step.largest(&units) < options.step;
+        }
+        let small = step.largest(assembler, &units) < options.step;
         let negligible = step.predicted <= options.decrease * cost;
         if small || negligible {
             // The step is still taken if it helps: Gauss-Newton's last step often brings the last digits.
-            let trial = apply(assembler, tree, state, &step);
+            step.apply(assembler, tree, state, &mut trial);
             let trial_cost = assembler.cost(&trial);
             if trial_cost <= cost {
-                (*state, cost) = (trial, trial_cost);
+                std::mem::swap(state, &mut trial);
+                cost = trial_cost;
                 report.costs.push(cost);
             }
             // A step that only damping made small proves nothing: ask what an undamped one would do.
             let honest = lambda <= HEAVY || {
-                solve_step(assembler, &normal, &scaling, options.damping)
-                    .is_some_and(|full| full.largest(&units) < ROUNDING || full.predicted <= 1e-9 * cost)
+                step.solve(assembler, &normal, &scaling, options.damping)
+                    && (step.largest(assembler, &units) < ROUNDING || step.predicted <= 1e-9 * cost)
             };
             break match (honest, small) {
                 (false, _) => Termination::Stuck,
@@ -175,13 +176,14 @@ pub fn minimise(assembler: &mut Assembler<'_>, tree: &FrameTree, state: &mut Sta
             };
         }
         let start = Instant::now();
-        let trial = apply(assembler, tree, state, &step);
+        step.apply(assembler, tree, state, &mut trial);
         let trial_cost = assembler.cost(&trial);
         seconds.evaluate += start.elapsed().as_secs_f64();
         let gain = (cost - trial_cost) / step.predicted;
         // NaN fails the comparison and counts as a rejected step.
         if gain > 1e-4 {
-            (*state, cost) = (trial, trial_cost);
+            std::mem::swap(state, &mut trial);
+            cost = trial_cost;
             report.costs.push(cost);
             growth = 4.0;
             lambda *= if gain > 0.9 {
@@ -220,141 +222,115 @@ fn frozen_scaling(normal: &Normal) -> Vec<f64> {
     diagonal.into_iter().map(|d| d.max(floor).max(f64::MIN_POSITIVE)).collect()
 }
 
-/// A step of all unknowns.
+/// A step of all unknowns, and room to find it. The local steps stand in the assembler's units.
 struct Step {
     shared: Vec<f64>,
-    /// In the order of the assembler's local units.
-    local: Vec<nalgebra::DVector<f64>>,
     /// The decrease of the cost that the linear model promises.
     predicted: f64,
+    matrix: Vec<f64>,
+    right: Vec<f64>,
+    dense: Dense,
 }
 
 impl Step {
+    fn new(n: usize) -> Self {
+        Self {
+            shared: vec![0.0; n],
+            predicted: 0.0,
+            matrix: vec![0.0; n * n],
+            right: vec![0.0; n],
+            dense: Dense::new(n),
+        }
+    }
+
     /// The largest component, counted in units; local unknowns are poses.
-    fn largest(&self, units: &[f64]) -> f64 {
+    fn largest(&self, assembler: &Assembler<'_>, units: &[f64]) -> f64 {
         let shared = self.shared.iter().zip(units).map(|(d, unit)| d.abs() / unit);
-        let local = self.local.iter().flat_map(|d| d.iter().map(|x| x.abs() / 1e-3));
+        let local = assembler.local_units().flat_map(|unit| unit.step.iter().map(|x| x.abs() / 1e-3));
         shared.chain(local).fold(0.0, f64::max)
     }
-}
 
-/// Solves the damped equations; `None` if they are not positive definite at this damping or the solution does not satisfy them.
-fn solve_step(assembler: &mut Assembler<'_>, normal: &Normal, scaling: &[f64], lambda: f64) -> Option<Step> {
-    let n = normal.gradient.len();
-    let mut matrix = Mat::<f64>::from_fn(n, n, |i, j| normal.hessian[i * n + j]);
-    let mut right: Vec<f64> = normal.gradient.iter().map(|g| -g).collect();
-    for i in 0..n {
-        matrix[(i, i)] += lambda * scaling[i];
-    }
-    for unit in &mut assembler.local {
-        if !unit.factorise(lambda) {
-            return None;
+    /// Solves the damped equations; false if they are not positive definite at this damping or the solution does not satisfy them.
+    fn solve(&mut self, assembler: &mut Assembler<'_>, normal: &Normal, scaling: &[f64], lambda: f64) -> bool {
+        let n = normal.gradient.len();
+        self.matrix.copy_from_slice(&normal.hessian);
+        self.right.iter_mut().zip(&normal.gradient).for_each(|(right, g)| *right = -g);
+        for (i, scale) in scaling.iter().enumerate() {
+            self.matrix[i * n + i] += lambda * scale;
         }
-        let (block, gradient) = unit.reduction()?;
-        for (i, &a) in unit.shared().iter().enumerate() {
-            right[a] += gradient[i];
-            for (j, &b) in unit.shared().iter().enumerate() {
-                matrix[(a, b)] -= block[(i, j)];
-            }
-        }
-    }
-    let shared = solve_positive(&matrix, &right)?;
-    let local: Vec<_> = assembler.local.iter().map(|unit| unit.back_substitute(&shared)).collect();
-    let (mut slope, mut damping) = (0.0, 0.0);
-    for i in 0..n {
-        slope -= normal.gradient[i] * shared[i];
-        damping += lambda * scaling[i] * shared[i] * shared[i];
-    }
-    for (unit, step) in assembler.local.iter().zip(&local) {
-        let (s, d) = unit.predicted(step, lambda);
-        slope += s;
-        damping += d;
-    }
-    let predicted = 0.5 * (slope + damping);
-    predicted.is_finite().then_some(Step { shared, local, predicted })
-}
-
-/// Solves a symmetric positive definite system by faer's Cholesky, sequentially so that the bits never change, with one refinement; the
-/// residual is checked.
-pub(crate) fn solve_positive(matrix: &Mat<f64>, right: &[f64]) -> Option<Vec<f64>> {
-    let n = right.len();
-    if n == 0 {
-        return Some(Vec::new());
-    }
-    // Unit diagonal: the columns carry metres, radians and pixels.
-    let mut scale = Vec::with_capacity(n);
-    for i in 0..n {
-        let d = matrix[(i, i)];
-        if !(d.is_finite() && d > 0.0) {
-            return None;
-        }
-        scale.push(1.0 / d.sqrt());
-    }
-    let scaled = Mat::<f64>::from_fn(n, n, |i, j| matrix[(i, j)] * scale[i] * scale[j]);
-    let mut lower = scaled.clone();
-    let parameters = Default::default();
-    let scratch = factor::cholesky_in_place_scratch::<f64>(n, Par::Seq, parameters);
-    let mut memory = MemBuffer::new(scratch);
-    factor::cholesky_in_place(lower.as_mut(), Default::default(), Par::Seq, MemStack::new(&mut memory), parameters)
-        .ok()?;
-    let target = Mat::<f64>::from_fn(n, 1, |i, _| right[i] * scale[i]);
-    let solve_scratch = solve::solve_in_place_scratch::<f64>(n, 1, Par::Seq);
-    let mut memory = MemBuffer::new(solve_scratch);
-    let mut back = |mut b: Mat<f64>| {
-        solve::solve_in_place_with_conj(lower.as_ref(), Conj::No, b.as_mut(), Par::Seq, MemStack::new(&mut memory));
-        b
-    };
-    let mut x = back(target.clone());
-    let residual = residual_of(&scaled, &x, &target);
-    let correction = back(residual);
-    for i in 0..n {
-        x[(i, 0)] += correction[(i, 0)];
-    }
-    let size = |m: &Mat<f64>| (0..n).map(|i| m[(i, 0)].abs()).fold(0.0, f64::max);
-    let left = residual_of(&scaled, &x, &target);
-    let good = size(&left) <= 1e-6 * (size(&target) + f64::MIN_POSITIVE);
-    let solution: Vec<f64> = (0..n).map(|i| x[(i, 0)] * scale[i]).collect();
-    (good && solution.iter().all(|value| value.is_finite())).then_some(solution)
-}
-
-fn residual_of(matrix: &Mat<f64>, x: &Mat<f64>, target: &Mat<f64>) -> Mat<f64> {
-    let n = target.nrows();
-    Mat::from_fn(n, 1, |i, _| target[(i, 0)] - (0..n).map(|j| matrix[(i, j)] * x[(j, 0)]).sum::<f64>())
-}
-
-/// The state after a step.
-fn apply(assembler: &Assembler<'_>, tree: &FrameTree, state: &State, step: &Step) -> State {
-    let mut next = state.clone();
-    for block in &assembler.plan.unknowns.blocks {
-        let d = &step.shared[block.start..block.start + block.count()];
-        match &block.kind {
-            UnknownKind::Edge(edge) => {
-                let pose = &mut next.static_poses[*edge];
-                *pose = match tree.static_edges[*edge].freedom {
-                    Freedom::Pose => pose.retract(&Twist::from_column_slice(d)),
-                    Freedom::Translation => *pose * Pose::from_translation(d[0], d[1], d[2]),
-                    Freedom::Fixed => *pose,
-                };
-            }
-            UnknownKind::Links { robot, places, .. } => {
-                for (place, d) in places.iter().zip(d) {
-                    next.corrections[*robot][*place] += d;
-                }
-            }
-            UnknownKind::Lens { camera, places } => {
-                for (place, d) in places.iter().zip(d) {
-                    let value = &mut next.lenses[*camera][*place];
-                    // A focal length stays positive: a step never takes more than half of it.
-                    *value = if *place < 2 { (*value + d).max(0.5 * *value) } else { *value + d };
+        assembler.bundles.par_iter_mut().for_each(|bundle| bundle.eliminate(lambda));
+        for bundle in &assembler.bundles {
+            let Some(taken) = bundle.taken() else { return false };
+            let width = bundle.shared.len() + 1;
+            for (i, (&a, row)) in bundle.shared.iter().zip(taken.chunks_exact(width)).enumerate() {
+                self.right[a] += row[width - 1];
+                for (&b, value) in bundle.shared[i..].iter().zip(&row[i..]) {
+                    self.matrix[a * n + b] -= value;
                 }
             }
         }
+        if !assembler.bundles.is_empty() {
+            for i in 1..n {
+                for j in 0..i {
+                    self.matrix[i * n + j] = self.matrix[j * n + i];
+                }
+            }
+        }
+        let Some(solution) = self.dense.solve(&self.matrix, &self.right) else { return false };
+        for (i, d) in self.shared.iter_mut().enumerate() {
+            *d = solution[(i, 0)];
+        }
+        let shared = &self.shared;
+        assembler.bundles.par_iter_mut().for_each(|bundle| {
+            bundle.units.iter_mut().for_each(|unit| unit.back_substitute(shared));
+        });
+        let (mut slope, mut damping) = (0.0, 0.0);
+        for ((d, gradient), scale) in shared.iter().zip(&normal.gradient).zip(scaling) {
+            slope -= gradient * d;
+            damping += lambda * scale * d * d;
+        }
+        for unit in assembler.local_units() {
+            let (s, d) = unit.predicted(lambda);
+            slope += s;
+            damping += d;
+        }
+        self.predicted = 0.5 * (slope + damping);
+        self.predicted.is_finite()
     }
-    for (unit, step) in assembler.local.iter().zip(&step.local) {
-        for (slot, &edge) in unit.edges.iter().enumerate() {
-            let pose = &mut next.moving_poses[edge][unit.configuration];
-            *pose = pose.retract(&Twist::from_column_slice(&step.as_slice()[6 * slot..6 * slot + 6]));
+
+    /// Puts the state after the step into `next`.
+    fn apply(&self, assembler: &Assembler<'_>, tree: &FrameTree, state: &State, next: &mut State) {
+        next.copy_from(state);
+        for block in &assembler.plan.unknowns.blocks {
+            let d = &self.shared[block.start..block.start + block.count()];
+            match &block.kind {
+                UnknownKind::Edge(edge) => {
+                    let pose = &mut next.static_poses[*edge];
+                    *pose = match tree.static_edges[*edge].freedom {
+                        Freedom::Pose => pose.retract(&Twist::from_column_slice(d)),
+                        Freedom::Translation => *pose * Pose::from_translation(d[0], d[1], d[2]),
+                        Freedom::Fixed => *pose,
+                    };
+                }
+                UnknownKind::Links { robot, places, .. } => {
+                    for (place, d) in places.iter().zip(d) {
+                        next.corrections[*robot][*place] += d;
+                    }
+                }
+                UnknownKind::Lens { camera, places } => {
+                    for (place, d) in places.iter().zip(d) {
+                        let value = &mut next.lenses[*camera][*place];
+                        // A focal length stays positive: a step never takes more than half of it.
+                        *value = if *place < 2 { (*value + d).max(0.5 * *value) } else { *value + d };
+                    }
+                }
+            }
+        }
+        for unit in assembler.local_units() {
+            for (&edge, d) in unit.edges.iter().zip(unit.step.chunks_exact(6)) {
+                let pose = &mut next.moving_poses[edge][unit.configuration];
+                *pose = pose.retract(&Twist::from_column_slice(d));
+            }
         }
     }
-    next
 }

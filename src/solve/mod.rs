@@ -2,7 +2,7 @@
 //!
 //! All corners of one target seen at one configuration by one camera act on the unknowns only through the twist of `camera_from_target` and
 //! that camera's lens. So each such *block* first becomes one small symmetric matrix over (twist, lens, residual), straight from the corners
-//! ([`kernels`]), and is then expanded once through the chain Jacobian of its path ([`assemble`]). This equals Gauss-Newton on all corners exactly,
+//! (`corners`, a register of points at a time; [`kernels`] for the other kinds), and is then expanded once through the chain Jacobian of its path ([`assemble`]). This equals Gauss-Newton on all corners exactly,
 //! also under robust weights, and is why a cell of 7500 pictures solves in a fraction of a second.
 //!
 //! The layout and the recording are compiled once ([`Plan`]); the loop that follows knows only indices. The same bits come out on any
@@ -10,13 +10,20 @@
 
 pub mod assemble;
 mod chain;
+mod corners;
+mod dense;
 mod expand;
 pub mod kernels;
+mod lanes;
+mod lens_lanes;
 mod local;
 mod loss;
 mod minimise;
+mod normal;
+mod pack;
 mod plan;
 mod prior;
+mod robots;
 mod state;
 mod unknowns;
 

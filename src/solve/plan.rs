@@ -131,6 +131,8 @@ pub struct Group {
 /// All measurements of a group at one configuration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Block {
+    /// Its number among all blocks of the plan.
+    pub place: usize,
     /// Index into [`Plan::configurations`].
     pub configuration: usize,
     /// Range in the arrays of the group's kind.
@@ -224,6 +226,7 @@ impl Plan {
             settings: layout.solve,
         };
         let mut known: HashMap<Segment, usize> = HashMap::new();
+        let mut count = 0;
         for (((kind, ..), rows), path) in gathered.into_iter().zip(paths) {
             let compiled = plan.compile(tree, &path, &mut known);
             let mut blocks = Vec::with_capacity(rows.len());
@@ -233,7 +236,8 @@ impl Plan {
                     plan.store(layout, tree, recording, kind, row, &places);
                 }
                 let configuration = plan.configurations.binary_search(&configuration).unwrap_or(0);
-                blocks.push(Block { configuration, start, end: plan.length(kind) });
+                blocks.push(Block { place: count, configuration, start, end: plan.length(kind) });
+                count += 1;
             }
             plan.groups.push(Group { path, compiled, kind, blocks });
         }
@@ -322,6 +326,12 @@ impl Plan {
             }
         }
         CompiledPath { steps, shared, moving, columns }
+    }
+
+    /// The number of blocks of all groups.
+    #[must_use]
+    pub fn block_count(&self) -> usize {
+        self.groups.iter().map(|group| group.blocks.len()).sum()
     }
 
     /// The number of scalar measurements that have not been rejected.

@@ -17,6 +17,14 @@ pub struct State {
 }
 
 impl State {
+    /// Takes the values of another state of the same cell, without allocating.
+    pub(super) fn copy_from(&mut self, other: &Self) {
+        self.static_poses.clone_from(&other.static_poses);
+        self.moving_poses.clone_from(&other.moving_poses);
+        self.corrections.clone_from(&other.corrections);
+        self.lenses.clone_from(&other.lenses);
+    }
+
     /// Whether every number is finite.
     #[must_use]
     pub fn is_finite(&self) -> bool {
