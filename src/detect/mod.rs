@@ -8,6 +8,7 @@
 //!
 //! * [`picture`]: reads files into [`GreyPicture`]s, suspicious of sizes.
 //! * [`edge_lines`]: a tag's corners, from straight lines fitted to its border's edges.
+//! * `whole_tag`: the same, from all cells at once, where cells are only a few blurs wide.
 //! * [`saddle`]: a board's corners, from the crossing of two edges.
 //! * [`charuco`]: a ChArUco board's corners, from the tags on it.
 //! * [`checkerboard`]: which corner of a checkerboard is the first, and whether that can be known.
@@ -26,13 +27,16 @@ mod edge_fit;
 pub mod edge_lines;
 mod edge_side;
 mod edge_stations;
+mod lens;
 pub mod native;
 #[cfg(feature = "opencv")]
 pub mod opencv;
 pub mod patterns;
 pub mod picture;
 mod plane_map;
+mod projection;
 pub mod saddle;
+mod whole_tag;
 mod wide;
 
 use thiserror::Error;

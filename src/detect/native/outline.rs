@@ -34,14 +34,14 @@ pub(super) fn quadrangle(patch: &Patch<'_>, hull: &mut Vec<[i64; 2]>) -> Option<
     // Of its box, at most a third longer than the hull's own.
     let across = i64::from(patch.right.iter().copied().max()?) - i64::from(patch.left.iter().copied().min()?);
     let perimeter = 2.0 * (across as f64 + patch.left.len() as f64);
-    // Steps of slanted sides leave up to half a pixel between extents and hull.
-    if filled < 0.94 * hull_area - 0.25 * perimeter {
+    // Steps of slanted sides leave half a pixel between extents and hull, a thin border that is broken here and there another.
+    if filled < 0.94 * hull_area - perimeter {
         return None;
     }
     let corners = largest_quadrangle(hull)?;
     let area = quad_area(&corners);
     // Corners that blur has rounded off cost a pixel or two each.
-    if area < 0.9 * hull_area - 0.3 * perimeter || area < 0.7 * hull_area {
+    if area < 0.9 * hull_area - 0.5 * perimeter || area < 0.7 * hull_area {
         return None;
     }
     // From the corners of pixels to their centres.
@@ -262,9 +262,8 @@ fn side_line(
     // Twice without the worst quarter, so that what is hidden does not turn the side.
     for _ in 0..2 {
         let kept = (found * 3).div_ceil(4).max(4).min(found);
-        points.sort_unstable_by(|a, b| {
-            (a[1] - offset - slope * a[0]).abs().total_cmp(&(b[1] - offset - slope * b[0]).abs())
-        });
+        let off = |p: &[f64; 2]| (p[1] - offset - slope * p[0]).abs();
+        points.select_nth_unstable_by(kept - 1, |a, b| off(a).total_cmp(&off(b)));
         (offset, slope) = line(&points[..kept])?;
         let worst = points[..kept].iter().map(|p| (p[1] - offset - slope * p[0]).abs()).fold(0.0, f64::max);
         if worst > 1.0 + 0.01 * length {

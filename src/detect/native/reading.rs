@@ -8,13 +8,16 @@
 
 use super::codebook::Codebook;
 use super::outline::Quad;
-use crate::detect::edge_lines::Projection;
 use crate::detect::picture::GreyPicture;
+use crate::detect::projection::Projection;
 
 /// Grey levels between the shades of the two rings below which there is no tag.
 const LEAST_CONTRAST: f64 = 14.0;
-/// Cells up to this size (px) are sharpened: what blur takes from a cell its neighbours have.
+/// Cells up to this size (px) never reach full shade and are sharpened: what blur takes from a cell its neighbours have. Larger ones are only if they
+/// cannot be read as they are.
 const SHARPENED_BELOW: f64 = 3.5;
+/// From this size on (px) cells are even to near their corners.
+const EVEN_FROM: f64 = 3.5;
 
 /// A tag that was read.
 #[derive(Debug, Clone, Copy)]
@@ -75,12 +78,14 @@ impl Reader {
             return None;
         }
         let most_wrong = book.most_wrong;
-        let plain = self.identify(&shades, book, side, rim, false, size, most_wrong);
+        let soft = size < SHARPENED_BELOW;
+        let plain = self.identify(&shades, book, side, rim, false, soft, most_wrong);
         let found = match plain {
-            Some(found) if found.2 == 0 => Some(found),
-            other if size < SHARPENED_BELOW => {
+            Some(found) if found.2 == 0 || !soft => Some(found),
+            // Small, or out of focus. Of a small dictionary chance reads too much into what is sharpened.
+            other if soft || bits >= 25 => {
                 self.sharpen(side);
-                let sharp = self.identify(&shades, book, side, rim, true, size, most_wrong);
+                let sharp = self.identify(&shades, book, side, rim, true, true, most_wrong);
                 match (other, sharp) {
                     (Some(a), Some(b)) => Some(if b.2 < a.2 { b } else { a }),
                     (a, b) => a.or(b),
@@ -89,6 +94,10 @@ impl Reader {
             other => other,
         };
         let (id, turns, _) = found?;
+        // A dark box with a white label is a tag of a small dictionary, but for where its edges lie.
+        if bits < 25 && size >= EVEN_FROM && !self.even(picture, &map, &shades, side, rim, book, bright) {
+            return None;
+        }
         Some(Read { id, corners: [0, 1, 2, 3].map(|k: usize| quad[(k + turns) % 4]) })
     }
 
@@ -121,6 +130,34 @@ impl Reader {
         }
     }
 
+    /// Whether the cells that were just identified have their shade as far as their corners, nearly everywhere.
+    #[allow(clippy::too_many_arguments)]
+    fn even(
+        &self,
+        picture: &GreyPicture,
+        map: &Projection,
+        shades: &Shades,
+        side: usize,
+        rim: usize,
+        book: &Codebook,
+        bright: bool,
+    ) -> bool {
+        let skip = (side - book.side) / 2;
+        let (mut wrong, mut all) = (0, 0);
+        for (k, cell) in self.cells.iter().enumerate() {
+            let (row, column) = (k / book.side + skip, k % book.side + skip);
+            for (dx, dy) in [(-0.34, -0.34), (0.34, -0.34), (0.34, 0.34), (-0.34, 0.34)] {
+                let unit = |at: usize, d: f64| (at as f64 + 0.5 + d - rim as f64) / book.edge as f64;
+                let [x, y] = map.map([unit(column, dx), unit(row, dy)]);
+                let Some(grey) = picture.sample(x, y) else { continue };
+                let place = shades.place(if bright { 255.0 - grey } else { grey }, row * side + column, side);
+                wrong += usize::from((place > 0.0) != (*cell != book.bright_inside));
+                all += 1;
+            }
+        }
+        wrong * 25 <= all
+    }
+
     /// Undoes some of the blur of small cells.
     fn sharpen(&mut self, side: usize) {
         self.sharpened.clear();
@@ -145,15 +182,15 @@ impl Reader {
         side: usize,
         rim: usize,
         sharp: bool,
-        size: f64,
+        soft: bool,
         most_wrong: u32,
     ) -> Option<(u32, usize, u32)> {
         let values = if sharp { &self.sharpened } else { &self.values };
         let skip = (side - book.side) / 2;
         self.cells.clear();
         let (mut doubtful, mut clarity, mut count) = (0u32, 0.0, 0.0);
-        // Small cells never reach full shade.
-        let doubt = if size < SHARPENED_BELOW { 0.08 } else { 0.25 };
+        let small = book.bits() < 25;
+        let doubt = if soft { 0.08 } else { 0.25 } + if small { 0.2 } else { 0.0 };
         for row in skip..side - skip {
             for column in skip..side - skip {
                 let k = row * side + column;
@@ -173,13 +210,12 @@ impl Reader {
         }
         let clarity = clarity / f64::max(count, 1.0);
         // Real cells are clearly one or the other; a texture is not.
-        if clarity < if size < SHARPENED_BELOW { 0.35 } else { 0.6 } {
+        if clarity < if soft && !small { 0.35 } else { 0.6 } {
             return None;
         }
         let (id, turns, wrong) = book.identify(&self.cells, most_wrong)?;
-        (wrong.max(doubtful)
-            <= most_wrong.max(u32::from(book.bits() > 16)).max(if size < SHARPENED_BELOW { 2 } else { 0 }))
-        .then_some((id, turns, wrong))
+        (wrong.max(doubtful) <= most_wrong.max(u32::from(book.bits() > 16)).max(if soft && !small { 2 } else { 0 }))
+            .then_some((id, turns, wrong))
     }
 }
 
