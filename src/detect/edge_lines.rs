@@ -16,13 +16,14 @@
 
 use std::fmt;
 
+use super::blurred_cells::Cells;
 use super::edge_fit::SideFit;
 use super::edge_side::{Behind, Bend, MOST_CELLS, Side};
 use super::edge_stations::Stations;
 use super::lens::Bender;
 pub use super::lens::Lens;
 use super::picture::GreyPicture;
-use super::projection::Projection;
+use super::projection::{Projection, cross};
 use super::whole_tag::WholeTag;
 
 /// Why a corner could not be measured.
@@ -205,7 +206,7 @@ fn whole(
     tag: &RoughTag<'_>,
     lines: Option<&Lines>,
 ) -> Result<[Refinement; 4], Weakness> {
-    let cells = tag.cells.ok_or(Weakness::TooFewEdges)?;
+    let cells = Cells { per_side: tag.cells_per_side, bright: tag.cells.ok_or(Weakness::TooFewEdges)? };
     let ideal = match lines {
         Some(lines) if !tag.close => lines.ideal,
         _ => bender.undistort_all(tag.corners)?,
@@ -215,7 +216,7 @@ fn whole(
     let pixels = bender.distort_all(ideal)?;
     let stretch = f64::max(length(&ideal, 0) / length(&pixels, 0), length(&ideal, 1) / length(&pixels, 1));
     let blur = stretch * lines.map_or(USUAL_BLUR, |lines| lines.blur);
-    let whole = WholeTag { ideal, per_side: tag.cells_per_side, cells, bright_inside: tag.bright_inside, blur };
+    let whole = WholeTag { ideal, cells, bright_inside: tag.bright_inside, blur };
     let (mut corners, seen) = whole.fit(picture, bender)?;
     if seen > 1.15 * blur {
         // Less of the margin was free of what lies beyond it than was thought.
@@ -368,20 +369,6 @@ fn meet(
         met[corner] = cross(lines[(corner + 3) % 4], lines[corner]).ok_or(Weakness::NotAQuadrangle)?;
     }
     Ok(met)
-}
-
-/// Where two lines, each through two points, cross; `None` if nearly parallel.
-fn cross(first: [[f64; 2]; 2], second: [[f64; 2]; 2]) -> Option<[f64; 2]> {
-    let a = [first[1][0] - first[0][0], first[1][1] - first[0][1]];
-    let b = [second[1][0] - second[0][0], second[1][1] - second[0][1]];
-    let determinant = a[0] * b[1] - a[1] * b[0];
-    // The sine of the angle between them; below 0.05 (3 degrees) the crossing is anywhere.
-    if determinant.is_nan() || determinant.abs() <= 0.05 * a[0].hypot(a[1]) * b[0].hypot(b[1]) {
-        return None;
-    }
-    let between = [second[0][0] - first[0][0], second[0][1] - first[0][1]];
-    let t = (between[0] * b[1] - between[1] * b[0]) / determinant;
-    Some([first[0][0] + t * a[0], first[0][1] + t * a[1]])
 }
 
 /// +1 if the corners run clockwise as seen (y down), -1 if the other way; `None` if the quadrangle is

@@ -20,6 +20,7 @@
 //! **Pixels**: the centre of the top-left pixel is (0, 0). **Corners of a tag** are 0 top-left,
 //! 1 top-right, 2 bottom-right, 3 bottom-left as printed; of a board, row * columns + column.
 
+mod blurred_cells;
 pub mod charuco;
 pub mod checkerboard;
 pub mod drawing;

@@ -1,4 +1,4 @@
-//! The perspective map between a square and its picture.
+//! Plane geometry: the perspective map between a square and its picture, and where lines meet.
 
 use nalgebra::Matrix3;
 
@@ -68,4 +68,18 @@ impl Projection {
             *number += change;
         }
     }
+}
+
+/// Where two lines, each through two points, cross; `None` if nearly parallel.
+pub(super) fn cross(first: [[f64; 2]; 2], second: [[f64; 2]; 2]) -> Option<[f64; 2]> {
+    let a = [first[1][0] - first[0][0], first[1][1] - first[0][1]];
+    let b = [second[1][0] - second[0][0], second[1][1] - second[0][1]];
+    let determinant = a[0] * b[1] - a[1] * b[0];
+    // The sine of the angle between them; below 0.05 (3 degrees) the crossing is anywhere.
+    if determinant.is_nan() || determinant.abs() <= 0.05 * a[0].hypot(a[1]) * b[0].hypot(b[1]) {
+        return None;
+    }
+    let between = [second[0][0] - first[0][0], second[0][1] - first[0][1]];
+    let t = (between[0] * b[1] - between[1] * b[0]) / determinant;
+    Some([first[0][0] + t * a[0], first[0][1] + t * a[1]])
 }

@@ -7,6 +7,7 @@
 
 use super::components::Patch;
 use crate::detect::picture::GreyPicture;
+use crate::detect::projection::cross;
 
 /// A quadrangle's corners, clockwise as seen (y down), px.
 pub(super) type Quad = [[f64; 2]; 4];
@@ -185,7 +186,7 @@ pub(super) fn settle(picture: &GreyPicture, quad: Quad, bright: bool) -> Option<
     }
     let mut settled = quad;
     for corner in 0..4 {
-        let met = crossing(lines[(corner + 3) % 4], lines[corner])?;
+        let met = cross(lines[(corner + 3) % 4], lines[corner])?;
         if distance(met, quad[corner]) > 2.5 * reach + 1.0 {
             return None;
         }
@@ -284,16 +285,4 @@ fn line(points: &[[f64; 2]]) -> Option<(f64, f64)> {
         let slope = xy / xx;
         (y - slope * x, slope)
     })
-}
-
-/// Where two lines, each through two points, cross.
-fn crossing(first: [[f64; 2]; 2], second: [[f64; 2]; 2]) -> Option<[f64; 2]> {
-    let a = [first[1][0] - first[0][0], first[1][1] - first[0][1]];
-    let b = [second[1][0] - second[0][0], second[1][1] - second[0][1]];
-    let determinant = a[0] * b[1] - a[1] * b[0];
-    if determinant.is_nan() || determinant.abs() <= 0.05 * a[0].hypot(a[1]) * b[0].hypot(b[1]) {
-        return None;
-    }
-    let t = ((second[0][0] - first[0][0]) * b[1] - (second[0][1] - first[0][1]) * b[0]) / determinant;
-    Some([first[0][0] + t * a[0], first[0][1] + t * a[1]])
 }
