@@ -74,9 +74,9 @@ impl Cells<'_> {
         }
         // What the correlation adds where cells meet.
         let terms = terms(correlation);
-        for row in y.first..y.end {
+        for (row, meetings) in meetings.iter().enumerate().take(y.end).skip(y.first) {
             let mut sums = [0.0; MOST_TERMS];
-            for (column, meeting) in meetings[row].iter().enumerate().take(x.end).skip(x.first) {
+            for (column, meeting) in meetings.iter().enumerate().take(x.end).skip(x.first) {
                 if *meeting != 0.0 {
                     let (z, mut hermite) = (x.distance[column], [0.0, 1.0]);
                     for (k, sum) in sums.iter_mut().enumerate().take(terms.max(1)) {
