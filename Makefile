@@ -5,7 +5,7 @@
 PACKAGES := libopencv-dev libopencv-contrib-dev clang libclang-dev pkg-config
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 
-.PHONY: demo test test-opencv setup-opencv format lint lint-opencv docs bench bench-build clean
+.PHONY: demo test test-opencv setup-opencv format lint lint-opencv docs book-pages bench bench-build clean
 
 ## Make a small recording, detect, solve, and compare with the truth.
 demo:
@@ -41,6 +41,12 @@ lint-opencv: setup-opencv
 
 docs:
 	RUSTDOCFLAGS="-D warnings" cargo doc --release --no-deps
+
+## What of the book is generated: keys, errors, and with Chromium its pictures. Tests say when the first two are stale.
+book-pages:
+	cargo run --release --quiet -- schema --page > docs/src/keys.md
+	cargo run --release --quiet --example error_page > docs/src/errors.md
+	cargo run --release --quiet --example book_pictures -- target/release/cellmap
 
 bench:
 	cargo bench

@@ -107,6 +107,53 @@ fn a_new_layout_says_what_it_is_told() {
     assert!(std::fs::read_to_string(at.join("plain.yaml")).unwrap().contains("flange_poses: flange_poses.csv"));
 }
 
+/// The layouts to copy from are described but not recorded: `check` explains each within 80 columns.
+#[test]
+fn every_layout_of_the_project_passes_check() {
+    let project = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut count = 0;
+    for entry in std::fs::read_dir(project.join("layouts")).unwrap().flatten() {
+        let text = std::fs::read_to_string(entry.path()).unwrap_or_default();
+        if !text.contains("cellmap: 1") {
+            continue;
+        }
+        let said = stdout(&fine(project, &["check", entry.path().to_str().unwrap()]));
+        assert!(said.contains("The layout is fine."), "{said}");
+        assert!(said.lines().all(|line| line.chars().count() <= 80), "{said}");
+        count += 1;
+    }
+    assert!(count >= 8, "{count}");
+}
+
+/// On a terminal `new` asks, and asks again where an answer cannot be. `script` lends the terminal.
+#[cfg(target_os = "linux")]
+#[test]
+fn on_a_terminal_new_asks() {
+    use std::io::Write;
+    use std::process::{Command, Stdio};
+    let dir = folder(&[]);
+    let command = format!("{} new cell.yaml", env!("CARGO_BIN_EXE_cellmap"));
+    let child = Command::new("script")
+        .args(["-qec", &command, "/dev/null"])
+        .current_dir(dir.path())
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn();
+    let Ok(mut child) = child else {
+        println!("skipped: no `script`");
+        return;
+    };
+    child.stdin.take().unwrap().write_all(b"ur6\nur10e\n\ntable:charuco tool:cube@ur10e\n").unwrap();
+    let output = child.wait_with_output().unwrap();
+    let said = stdout(&output);
+    assert!(output.status.success(), "{said}");
+    assert!(said.contains("there is no built-in robot `ur6`: built in are `ur3`"), "{said}");
+    assert_eq!(said.matches("Robots: ").count(), 2, "{said}");
+    assert!(said.contains("[table:grid,tool:cube@ur10e]: ") && said.contains("wrote cell.yaml"), "{said}");
+    let checked = stdout(&fine(dir.path(), &["check", "cell.yaml"]));
+    assert!(checked.contains("target `table`: ChArUco board") && checked.contains("├─ left  (unknown)"), "{checked}");
+}
+
 #[test]
 fn a_robot_description_becomes_a_layout() {
     let urdf = "<robot name=\"my arm\"><link name=\"world\"/><link name=\"base\"/><link name=\"l1\"/><link name=\"l2\"/><link name=\"tool0\"/><link name=\"lamp\"/>\

@@ -4,7 +4,7 @@ use clap::Args;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use super::output::{print_json, progress_bar, say, stop_requested};
+use super::output::{print_json, progress_bar, say, shown, stop_requested};
 use super::{LayoutArguments, NOT_TRUSTWORTHY, use_threads};
 use cellmap::complaint::InputError;
 use cellmap::detect::Detector;
@@ -131,7 +131,7 @@ fn show(found: &Detected, out: &std::path::Path) {
     if found.failed.len() > NAMED_FAILURES {
         say!("skipped: {} more", found.failed.len() - NAMED_FAILURES);
     }
-    say!("wrote {}", out.display());
+    say!("wrote {}", shown(out));
 }
 
 fn as_json(found: &Detected) -> Document {

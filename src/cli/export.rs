@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use super::LayoutArguments;
-use super::output::{print_json, say};
+use super::output::{print_json, say, shown};
 use cellmap::complaint::{Complaint, InputError};
 use cellmap::export::Document;
 use cellmap::export::formats::{Export as Exported, Format, export};
@@ -75,7 +75,7 @@ impl Export {
             ]));
         } else {
             for path in &paths {
-                say!("wrote {}", path.display());
+                say!("wrote {}", shown(path));
             }
             for note in &exported.notes {
                 say!("note: {note}");

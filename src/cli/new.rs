@@ -56,32 +56,19 @@ impl New {
             cell.robots.push(from_urdf(file, &self.layout)?);
         }
         let asking = std::io::stdin().is_terminal() && !self.json;
-        let first = cell.robots.first().map(|robot| robot.name.clone());
-        let robots = match (&self.robots, &first) {
-            (Some(robots), _) => robots.clone(),
-            (None, Some(_)) => Vec::new(),
-            (None, None) => ask(asking, "Robots (built in: ur3e ur5e ur10e ...; or NAME=reported)", "ur5e"),
-        };
         let failed = |error: NewError| refused(&self.layout, &error);
-        cell.add_robots(&robots).map_err(failed)?;
-        let robot = cell.robots.first().map(|robot| robot.name.clone());
-        let cameras = match &self.cameras {
-            Some(cameras) => cameras.clone(),
-            None => ask(asking, "Cameras (NAME, or NAME@ROBOT on its flange)", "left,right"),
-        };
-        cell.add_cameras(&cameras).map_err(failed)?;
-        let targets = match &self.targets {
-            Some(targets) => targets.clone(),
-            None => {
-                let on_robot = robot.map_or(String::new(), |robot| format!(",tool:cube@{robot}"));
-                ask(
-                    asking,
-                    "Targets (NAME:KIND or NAME:KIND@ROBOT; grid tag cube checkerboard charuco aprilgrid)",
-                    &format!("table:grid{on_robot}"),
-                )
-            }
-        };
-        cell.add_targets(&targets).map_err(failed)?;
+        // The robot of a URDF is the only one, unless more are named.
+        if self.robots.is_some() || cell.robots.is_empty() {
+            let question = "Robots: MODEL (ur3e, ur5e, ur10e...), NAME=MODEL, or NAME=reported";
+            answer(&mut cell, NewCell::add_robots, self.robots.as_deref(), asking, question, "ur5e").map_err(failed)?;
+        }
+        let question = "Cameras: NAME, or NAME@ROBOT for one on its flange";
+        answer(&mut cell, NewCell::add_cameras, self.cameras.as_deref(), asking, question, "left,right")
+            .map_err(failed)?;
+        let on_robot = cell.robots.first().map_or(String::new(), |robot| format!(",tool:cube@{}", robot.name));
+        let question = "Targets: NAME:KIND or NAME:KIND@ROBOT\n  kinds: grid tag cube checkerboard charuco aprilgrid";
+        let default = format!("table:grid{on_robot}");
+        answer(&mut cell, NewCell::add_targets, self.targets.as_deref(), asking, question, &default).map_err(failed)?;
         let text = cell.layout().map_err(failed)?;
         // What is written must be a layout whatever names were given.
         cellmap::layout::parse_layout(&self.layout, &text, None)?;
@@ -100,8 +87,8 @@ impl New {
     }
 }
 
-fn refused(layout: &Path, error: &NewError) -> InputError {
-    let remedy = match error {
+fn remedy(error: &NewError) -> String {
+    match error {
         NewError::Kind(_) => format!("it is one of {}", list(NewKind::ALL.iter().map(|(name, _)| *name))),
         NewError::Name(_) => "use letters, digits, `_` and `-`".to_owned(),
         NewError::Model(name) => {
@@ -110,22 +97,46 @@ fn refused(layout: &Path, error: &NewError) -> InputError {
         NewError::Mount(..) => "name the robot before, or leave the `@` out".to_owned(),
         NewError::Taken(_) => "give everything in the cell its own name".to_owned(),
         NewError::NoTarget => "name one, for example `--targets table:grid`".to_owned(),
-    };
-    Complaint::of(layout, error.to_string(), remedy).into()
+    }
 }
 
-/// Asks on a terminal; an empty answer, or no terminal, is the default.
-fn ask(asking: bool, question: &str, default: &str) -> Vec<String> {
-    let mut answer = String::new();
-    if asking {
-        eprint!("{question} [{default}]: ");
-        let _ = std::io::stderr().flush();
-        if std::io::stdin().lock().read_line(&mut answer).is_err() {
-            answer.clear();
+fn refused(layout: &Path, error: &NewError) -> InputError {
+    Complaint::of(layout, error.to_string(), remedy(error)).into()
+}
+
+/// Adds what the flag says, or what is answered on a terminal, or the default. An answer that cannot be is asked for again.
+fn answer(
+    cell: &mut NewCell,
+    add: fn(&mut NewCell, &[String]) -> Result<(), NewError>,
+    flag: Option<&[String]>,
+    asking: bool,
+    question: &str,
+    default: &str,
+) -> Result<(), NewError> {
+    if let Some(words) = flag {
+        return add(cell, words);
+    }
+    loop {
+        let mut line = String::new();
+        if asking {
+            eprint!("{question}\n  [{default}]: ");
+            let _ = std::io::stderr().flush();
+            if std::io::stdin().lock().read_line(&mut line).is_err() {
+                line.clear();
+            }
+        }
+        let given = if line.trim().is_empty() { default } else { line.trim() };
+        let words: Vec<String> = given.split([',', ' ']).filter(|word| !word.is_empty()).map(str::to_owned).collect();
+        let mut tried = cell.clone();
+        match add(&mut tried, &words) {
+            Ok(()) => {
+                *cell = tried;
+                return Ok(());
+            }
+            Err(error) if asking && !line.is_empty() => eprintln!("{error}: {}", remedy(&error)),
+            Err(error) => return Err(error),
         }
     }
-    let words = if answer.trim().is_empty() { default } else { answer.trim() };
-    words.split([',', ' ']).filter(|word| !word.is_empty()).map(str::to_owned).collect()
 }
 
 /// The robot of a URDF, with its file named from where the layout will stand.

@@ -2,6 +2,7 @@
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::{IsTerminal, Write};
+use std::path::Path;
 
 use cellmap::complaint::{Complaint, InputError};
 use cellmap::export::Document;
@@ -65,18 +66,23 @@ pub(super) fn show_error(error: &InputError, json: bool) {
     }
 }
 
+/// A path as a person would write it.
+pub(super) fn shown(path: &Path) -> std::path::Display<'_> {
+    path.strip_prefix(".").ok().filter(|inside| inside.components().next().is_some()).unwrap_or(path).display()
+}
+
 fn show_complaint(complaint: &Complaint) {
     eprintln!("error: {}", complaint.what);
     match complaint.line {
         Some(line) => {
-            eprintln!("  --> {}:{line}", complaint.file.display());
+            eprintln!("  --> {}:{line}", shown(&complaint.file));
             let text = std::fs::read_to_string(&complaint.file).unwrap_or_default();
             if let Some(source) = text.lines().nth(line - 1).filter(|source| !source.trim().is_empty()) {
                 let shown: String = source.trim_end().chars().take(100).collect();
                 eprintln!("{line:5} | {shown}");
             }
         }
-        None => eprintln!("  --> {}", complaint.file.display()),
+        None => eprintln!("  --> {}", shown(&complaint.file)),
     }
     eprintln!("  help: {}", complaint.remedy);
 }

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use super::LayoutArguments;
-use super::output::{print_json, say};
+use super::output::{print_json, say, shown};
 use cellmap::complaint::{Complaint, InputError, list};
 use cellmap::export::Document;
 use cellmap::layout::Layout;
@@ -74,7 +74,7 @@ impl Print {
             for note in &printed.notes {
                 say!("note: {note}");
             }
-            say!("wrote {}; print it at 100 % and measure it", out.display());
+            say!("wrote {}; print it at 100 % and measure it", shown(&out));
         }
         Ok(ExitCode::SUCCESS)
     }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use super::LayoutArguments;
-use super::output::{print_json, say};
+use super::output::{print_json, say, shown};
 use cellmap::complaint::{Complaint, InputError};
 use cellmap::export::Document;
 use cellmap::report::{report_file, write};
@@ -32,7 +32,7 @@ impl Report {
             let bytes = Document::Whole(html.len() as u64);
             print_json(&Document::map([("file", Document::text(out.display().to_string())), ("bytes", bytes)]));
         } else {
-            say!("wrote {}: open it in a browser", out.display());
+            say!("wrote {}: open it in a browser", shown(&out));
         }
         Ok(ExitCode::SUCCESS)
     }

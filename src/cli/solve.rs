@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use super::findings::show_findings;
-use super::output::{print_json, print_table, say};
+use super::output::{print_json, print_table, say, shown};
 use super::{LayoutArguments, NOT_TRUSTWORTHY, use_threads};
 use cellmap::complaint::{Complaint, InputError};
 use cellmap::export::{Document, findings, solution};
@@ -51,9 +51,9 @@ impl Solve {
             print_json(&as_json(&solved));
         } else {
             show(&solved);
-            say!("wrote {} and the same as JSON", out.display());
+            say!("wrote {} and the same as JSON", shown(&out));
             if let Some(report) = &self.report {
-                say!("wrote {}: open it in a browser", report.display());
+                say!("wrote {}: open it in a browser", shown(report));
             }
         }
         Ok(if solved.trustworthy() { ExitCode::SUCCESS } else { ExitCode::from(NOT_TRUSTWORTHY) })

@@ -13,11 +13,12 @@ use super::tables::{self, escape};
 const STYLE: &str = include_str!("report.css");
 const SCRIPT: &str = include_str!("report.js");
 
-/// The plotting library as one script element, without the typesetting that the crate puts beside it.
+/// The plotting library as one element of text that the script runs once the page is on the screen, without the typesetting that the crate puts beside it.
 fn library() -> String {
     let both = plotly::Plot::offline_js_sources();
     let end = both.find("</script>").map_or(both.len(), |at| at + "</script>".len());
-    both[..end].to_owned()
+    let begin = both.find('>').map_or(0, |at| at + 1);
+    format!("<script type=\"text/plain\" id=\"library\">{}", &both[begin..end])
 }
 
 /// JSON that can stand inside a script element.
@@ -87,7 +88,7 @@ pub(super) fn page(input: &ReportInput<'_>) -> String {
         ));
         html.push_str("</div>");
         html.push_str(&tables::sight_table(input, &sights));
-        sections.push(("errors", "Errors by camera and parameter", html));
+        sections.push(("errors", "Errors: by camera and parameter", html));
     }
     if has("residuals") {
         let mut html = String::from(
@@ -128,7 +129,8 @@ pub(super) fn page(input: &ReportInput<'_>) -> String {
          <button type=\"button\" id=\"theme\" aria-pressed=\"false\">Dark or light</button></header>\n<nav aria-label=\"Sections\"><ul>"
     );
     for (id, name, _) in &sections {
-        html.push_str(&format!("<li><a href=\"#{id}\">{name}</a></li>"));
+        let short = name.split(':').next().unwrap_or(name);
+        html.push_str(&format!("<li><a href=\"#{id}\">{short}</a></li>"));
     }
     html.push_str("</ul></nav>\n<main id=\"main\">\n");
     for (id, name, body) in &sections {

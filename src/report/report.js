@@ -12,7 +12,7 @@
   const colour = (i) => COLOURS[i % COLOURS.length];
   const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
   const narrow = () => window.innerWidth < 600;
-  const config = { responsive: true, displaylogo: false, scrollZoom: false, modeBarButtonsToRemove: ['lasso2d', 'select2d', 'autoScale2d', 'hoverClosestCartesian', 'hoverCompareCartesian', 'toggleSpikelines'] };
+  const config = { responsive: true, displaylogo: false, displayModeBar: narrow() ? false : 'hover', scrollZoom: false, modeBarButtonsToRemove: ['lasso2d', 'select2d', 'autoScale2d', 'hoverClosestCartesian', 'hoverCompareCartesian', 'toggleSpikelines'] };
 
   // Rotations and poses: [x, y, z, qx, qy, qz, qw].
   const turn = (q, v) => {
@@ -23,10 +23,14 @@
   const apply = (pose, v) => { const r = turn(pose.slice(3), v); return [r[0] + pose[0], r[1] + pose[1], r[2] + pose[2]]; };
 
   const axis = (title, more) => ({ title: { text: title, standoff: 8 }, gridcolor: css('--grid'), zerolinecolor: css('--line'), linecolor: css('--line'), automargin: true, ...more });
-  const flat = (more) => ({ paper_bgcolor: 'rgba(0,0,0,0)', plot_bgcolor: 'rgba(0,0,0,0)', font: { color: css('--ink'), size: narrow() ? 11 : 13, family: 'system-ui, "DejaVu Sans", sans-serif' }, margin: { l: 56, r: 14, t: 14, b: 48 }, legend: { orientation: 'h', y: 1.02, yanchor: 'bottom', x: 0 }, hoverlabel: { bgcolor: css('--panel'), font: { color: css('--ink') } }, ...more });
+  const flat = (more) => ({ paper_bgcolor: 'rgba(0,0,0,0)', plot_bgcolor: 'rgba(0,0,0,0)', font: { color: css('--ink'), size: narrow() ? 11 : 13, family: 'system-ui, "DejaVu Sans", sans-serif' }, margin: { l: 56, r: 14, t: 14, b: 48 }, legend: { orientation: 'h', y: 1.02, yanchor: 'bottom', x: 0 }, hoverlabel: { bgcolor: css('--panel'), font: { color: css('--ink') } }, modebar: { bgcolor: 'rgba(0,0,0,0)', color: css('--soft'), activecolor: css('--accent') }, ...more });
+  const far = narrow() ? 1.45 : 1;
+  const EYES = { iso: { x: 1.35 * far, y: -1.35 * far, z: 0.85 * far }, top: { x: 0, y: -0.001, z: 2.1 * far }, front: { x: 0, y: -2.1 * far, z: 0.05 }, side: { x: 2.1 * far, y: 0, z: 0.05 } };
+  // What is near is seen lower than what is far: looking a little below the middle fills the frame.
+  const LOW = { x: 0, y: 0, z: narrow() ? -0.04 : -0.1 };
   const space = (units, more) => {
-    const one = (name) => ({ title: { text: `${name}, ${units}` }, gridcolor: css('--grid'), zerolinecolor: css('--line'), color: css('--ink'), backgroundcolor: 'rgba(0,0,0,0)', showspikes: false });
-    return flat({ margin: { l: 0, r: 0, t: 0, b: 0 }, legend: { orientation: 'h', y: 0.99, yanchor: 'top', x: 0.01, bgcolor: 'rgba(0,0,0,0)' }, uirevision: 'keep', scene: { xaxis: one('x'), yaxis: one('y'), zaxis: one('z'), aspectmode: 'data', uirevision: 'keep', camera: { eye: narrow() ? { x: 1.6, y: -1.6, z: 1.1 } : { x: 1.2, y: -1.2, z: 0.8 } }, ...more } });
+    const one = (name) => ({ title: { text: `${name}, ${units}` }, gridcolor: css('--grid'), zerolinecolor: css('--line'), color: css('--ink'), backgroundcolor: 'rgba(0,0,0,0)', showspikes: false, ...(narrow() ? { nticks: 5, tickfont: { size: 9 } } : {}) });
+    return flat({ margin: { l: 0, r: 0, t: 0, b: 0 }, legend: { orientation: 'h', y: 0.99, yanchor: 'top', x: 0.01, bgcolor: 'rgba(0,0,0,0)' }, uirevision: 'keep', scene: { xaxis: one('x'), yaxis: one('y'), zaxis: one('z'), aspectmode: 'data', uirevision: 'keep', camera: { eye: EYES.iso, center: LOW }, ...more } });
   };
 
   // --- the cell ---------------------------------------------------------------------------------
@@ -114,14 +118,46 @@
       if (same >= 0) { labels.text[same] += `, ${f.name}`; return; }
       labels.x.push(p[0]); labels.y.push(p[1]); labels.z.push(p[2]); labels.text.push(f.name);
     });
-    traces.push({ type: 'scatter3d', mode: $('names').checked ? 'markers+text' : 'markers', name: 'frames', ...labels, textposition: 'top center', textfont: { color: css('--ink'), size: narrow() ? 10 : 12 }, marker: { size: 3, color: css('--ink') }, hovertemplate: '%{text}<br>x %{x:.4f} m<br>y %{y:.4f} m<br>z %{z:.4f} m<extra></extra>' });
+    traces.push({ type: 'scatter3d', mode: $('names').checked ? 'markers+text' : 'markers', name: 'frames', ...labels, customdata: labels.text, textposition: 'top center', textfont: { color: css('--ink'), size: narrow() ? 10 : 12 }, marker: { size: 3, color: css('--ink') }, hovertemplate: '%{customdata}<br>x %{x:.4f} m<br>y %{y:.4f} m<br>z %{z:.4f} m<extra></extra>' });
     return traces;
   };
   const say = () => {
     if ($('stop')) $('stop-value').textContent = scene.stops[Number($('stop').value)];
     const s = swell(); $('swell-value').textContent = `× ${s < 10 ? s.toFixed(1) : Math.round(s)}`;
   };
-  const drawCell = () => { say(); return Plotly.react('cell', cellTraces(), space('m'), config); };
+  // Names that would cover each other as the cell is seen now go below or beside their frame, or show only when it is pointed at.
+  const PLACES = [['top center', -0.5, -1.4], ['bottom center', -0.5, 0.4], ['middle right', 0.08, -0.5], ['middle left', -1.08, -0.5]];
+  const spreadNames = () => {
+    const plot = $('cell'), names = plot.data.findIndex((trace) => trace.name === 'frames');
+    const drawn = plot._fullLayout && plot._fullLayout.scene && plot._fullLayout.scene._scene;
+    const eye = drawn && drawn.glplot && drawn.glplot.cameraParams;
+    if (!eye || !eye.projection || !$('names').checked) return;
+    const times = (m, v) => [0, 1, 2, 3].map((i) => m[i] * v[0] + m[4 + i] * v[1] + m[8 + i] * v[2] + m[12 + i] * v[3]);
+    const { x, y, z, customdata, textfont } = plot.data[names], s = drawn.dataScale || [1, 1, 1];
+    const taken = [], text = [], textposition = [];
+    customdata.forEach((name, i) => {
+      const p = times(eye.projection, times(eye.view, times(eye.model, [x[i] * s[0], y[i] * s[1], z[i] * s[2], 1])));
+      const u = 0.5 * (1 + p[0] / p[3]) * plot.clientWidth, v = 0.5 * (1 - p[1] / p[3]) * plot.clientHeight;
+      const w = 0.6 * textfont.size * name.length, h = 1.2 * textfont.size;
+      const free = PLACES.find(([, a, b]) => {
+        const box = [u + a * w, v + b * h, u + a * w + w, v + b * h + h];
+        if (taken.some((t) => box[0] < t[2] && box[2] > t[0] && box[1] < t[3] && box[3] > t[1])) return false;
+        taken.push(box);
+        return true;
+      });
+      text.push(free ? name : '');
+      textposition.push((free || PLACES[0])[0]);
+    });
+    return Plotly.restyle('cell', { text: [text], textposition: [textposition] }, [names]);
+  };
+  let watched = false;
+  const drawCell = async () => {
+    say();
+    await Plotly.react('cell', cellTraces(), space('m'), config);
+    if (!watched) { watched = true; $('cell').on('plotly_relayout', () => requestAnimationFrame(spreadNames)); }
+    await new Promise(requestAnimationFrame);
+    return spreadNames();
+  };
 
   // --- paths ------------------------------------------------------------------------------------
   const drawPaths = () => {
@@ -132,8 +168,10 @@
     path.measured.forEach((m, i) => traces.push({ type: 'scatter3d', mode: 'markers', name: m.by, x: m.x, y: m.y, z: m.z, text: m.configuration, marker: { size: 3, color: colour(i), symbol: SPACE_SYMBOLS[i % 8] }, hovertemplate: hover }));
     Plotly.react('path-space', traces, space('mm'), config);
     for (const [id, a, b] of [['path-xy', 'x', 'y'], ['path-xz', 'x', 'z'], ['path-yz', 'y', 'z']]) {
-      const plane = [{ type: 'scatter', mode: 'lines', name: 'computed', x: path.computed[a], y: path.computed[b], line: { ...line, width: 1 }, hoverinfo: 'skip' }];
+      const plane = [];
       path.measured.forEach((m, i) => plane.push({ type: 'scatter', mode: 'markers', name: m.by, x: m[a], y: m[b], text: m.configuration, marker: { size: 4, color: colour(i), symbol: SYMBOLS[i % 8], opacity: 0.75 }, hovertemplate: `configuration %{text}<br>${a} %{x} mm<br>${b} %{y} mm` }));
+      // On top, or the dots would hide it.
+      plane.push({ type: 'scatter', mode: 'lines', name: 'computed', x: path.computed[a], y: path.computed[b], line: { ...line, width: 1 }, hoverinfo: 'skip' });
       Plotly.react(id, plane, flat({ xaxis: axis(`${a}, mm`), yaxis: axis(`${b}, mm`, { scaleanchor: 'x' }), showlegend: false }), config);
     }
   };
@@ -201,20 +239,28 @@
   if (figures.residuals.length) { options('camera', figures.residuals.map((c) => c.camera)); jobs.push(['field', drawField]); $('camera').addEventListener('change', drawField); $('stretch').addEventListener('input', drawField); }
   if (figures.correlation) jobs.push(['correlation', drawCorrelation]);
   const drawn = new Set();
-  const run = (id) => { if (drawn.has(id)) return; drawn.add(id); jobs.find((j) => j[0] === id)[1](); };
+  // The plotting library stands in the page as text, so that words and tables are on the screen before it is read.
+  const load = () => {
+    const text = $('library');
+    if (!text) return;
+    const script = document.createElement('script');
+    script.textContent = text.textContent;
+    text.remove();
+    document.head.append(script);
+  };
+  const run = (id) => { load(); if (drawn.has(id)) return; drawn.add(id); jobs.find((j) => j[0] === id)[1](); };
   // A figure is drawn when it comes near the screen: a report of a large cell opens at once.
   const watcher = new IntersectionObserver((entries) => entries.forEach((e) => { if (e.isIntersecting) { run(e.target.id); watcher.unobserve(e.target); } }), { rootMargin: '300px' });
-  jobs.forEach(([id]) => watcher.observe($(id)));
+  const painted = (next) => requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(next, 50)));
+  painted(() => { load(); painted(() => jobs.forEach(([id]) => watcher.observe($(id)))); });
   const all = () => jobs.forEach(([id]) => run(id));
-  window.addEventListener('beforeprint', all);
   window.cellmapDrawAll = all;
   let waiting = false;
   const soon = () => { if (waiting) return; waiting = true; requestAnimationFrame(() => { waiting = false; drawCell(); }); };
   ['stop', 'swell'].forEach((id) => $(id) && $(id).addEventListener('input', soon));
   $('names').addEventListener('change', soon);
   say();
-  const EYES = { iso: { x: 1.2, y: -1.2, z: 0.8 }, top: { x: 0, y: -0.001, z: 2.1 }, front: { x: 0, y: -2.1, z: 0.05 }, side: { x: 2.1, y: 0, z: 0.05 } };
-  document.querySelectorAll('[data-view]').forEach((b) => b.addEventListener('click', () => Plotly.relayout('cell', { 'scene.camera': { eye: EYES[b.dataset.view], up: { x: 0, y: 0, z: 1 } } })));
+  document.querySelectorAll('[data-view]').forEach((b) => b.addEventListener('click', () => Plotly.relayout('cell', { 'scene.camera': { eye: EYES[b.dataset.view], center: b.dataset.view === 'iso' ? LOW : { x: 0, y: 0, z: 0 }, up: { x: 0, y: 0, z: 1 } } })));
   const redraw = () => jobs.forEach(([id, draw]) => { if (drawn.has(id)) draw(); });
   $('theme').addEventListener('click', () => {
     const root = document.documentElement;
@@ -224,4 +270,26 @@
     redraw();
   });
   matchMedia('(prefers-color-scheme: dark)').addEventListener('change', redraw);
+  // On paper everything is light, and as wide as the paper: figures are shrunk as they are, for a browser does not wait for new ones.
+  const PAPER = 700;
+  let before = null;
+  window.addEventListener('beforeprint', () => {
+    before = document.documentElement.dataset.theme || '';
+    document.documentElement.dataset.theme = 'light';
+    all();
+    redraw();
+    document.querySelectorAll('.plot').forEach((plot) => {
+      const size = plot._fullLayout;
+      if (!size) return;
+      const shrink = (plot.closest('.row') ? 0.5 * PAPER - 10 : PAPER) / size.width;
+      plot.style.setProperty('--shrink', shrink);
+      plot.style.setProperty('--tall', `${Math.round(size.height * shrink)}px`);
+      const drawn = size.scene && size.scene._scene;
+      if (drawn && drawn.glplot && drawn.glplot.redraw) drawn.glplot.redraw();
+    });
+  });
+  window.addEventListener('afterprint', () => {
+    if (before) document.documentElement.dataset.theme = before; else delete document.documentElement.dataset.theme;
+    redraw();
+  });
 })();

@@ -24,21 +24,26 @@ fn prose(text: &str) -> String {
     html
 }
 
-/// A table that scrolls sideways where it is wider than the screen; the first column is words, the rest numbers.
+/// A table that scrolls sideways where it is wider than the screen. The first column is words; any other is what its first row is, words to the left,
+/// numbers to the right.
 pub(super) fn table(caption: &str, header: &[&str], rows: &[Vec<String>]) -> String {
     let mut html = format!(
         "<div class=\"scroll\" tabindex=\"0\" role=\"region\" aria-label=\"{0}\"><table><caption>{0}</caption><thead><tr>",
         escape(caption)
     );
-    for name in header {
-        html.push_str(&format!("<th scope=\"col\">{}</th>", escape(name)));
+    let words = |column: usize| {
+        rows.first().and_then(|row| row.get(column)).is_some_and(|cell| cell.starts_with(char::is_alphabetic))
+    };
+    let class = |column: usize| if column > 0 && words(column) { " class=\"words\"" } else { "" };
+    for (i, name) in header.iter().enumerate() {
+        html.push_str(&format!("<th scope=\"col\"{}>{}</th>", class(i), escape(name)));
     }
     html.push_str("</tr></thead><tbody>");
     for row in rows {
         html.push_str("<tr>");
         for (i, cell) in row.iter().enumerate() {
             let tag = if i == 0 { "th scope=\"row\"" } else { "td" };
-            html.push_str(&format!("<{tag}>{}</{}>", escape(cell), &tag[..2]));
+            html.push_str(&format!("<{tag}{}>{}</{}>", class(i), escape(cell), &tag[..2]));
         }
         html.push_str("</tr>");
     }

@@ -97,7 +97,7 @@ pub fn check(layout: &Layout) -> Result<Checked, InputError> {
         let moves = if target.moves { ", moves" } else { "" };
         checked.facts.push(format!("target `{}`: {what}{moves}", target.name));
     }
-    check_measurements(layout, &tree, &mut checked)?;
+    check_measurements(layout, &tree, blank, &mut checked)?;
     if let Some(meant) = misspelt_world(layout) {
         checked.warnings.push(format!("the world `{}` is a frame of its own; did you mean `{meant}`?", layout.world));
     }
@@ -109,12 +109,21 @@ fn nothing_recorded(layout: &Layout) -> bool {
     let moved = layout.robots.iter().any(|robot| match &robot.motion {
         Motion::Joints { file, .. } | Motion::FlangePoses { file } => layout.recording.join(file).exists(),
     });
-    let measured = layout.observations.given || layout.recording.join(DEFAULT_DETECTIONS).exists();
+    let measured = observation_files(layout).iter().any(|file| layout.recording.join(file).exists());
     let seen = || {
         let patterns = layout.cameras.iter().filter_map(|camera| ImagePattern::parse(camera.images.as_deref()?).ok());
         patterns.into_iter().any(|pattern| !pattern.find(&layout.recording).is_empty())
     };
     !layout.robots.is_empty() && !moved && !measured && !seen()
+}
+
+/// The files of measurements that a layout names, or the one it would have.
+fn observation_files(layout: &Layout) -> Vec<&str> {
+    let o = &layout.observations;
+    if !o.given {
+        return vec![DEFAULT_DETECTIONS];
+    }
+    [&o.detections, &o.target_poses, &o.points, &o.contacts].into_iter().flatten().map(String::as_str).collect()
 }
 
 /// A recording of nothing.
@@ -169,9 +178,14 @@ pub fn check_pictures(layout: &Layout, recording: &Recording) -> Result<Vec<Vec<
 }
 
 /// What the measurements reach, if there are any yet.
-fn check_measurements(layout: &Layout, tree: &FrameTree, checked: &mut Checked) -> Result<(), InputError> {
+fn check_measurements(layout: &Layout, tree: &FrameTree, blank: bool, checked: &mut Checked) -> Result<(), InputError> {
     if !layout.observations.given && !layout.recording.join(DEFAULT_DETECTIONS).exists() {
         checked.facts.push("measurements: none yet; `cellmap detect` makes them from the pictures".to_owned());
+        return Ok(());
+    }
+    if blank {
+        let files: Vec<String> = observation_files(layout).iter().map(|file| format!("`{file}`")).collect();
+        checked.facts.push(format!("measurements: none yet; they are to come in {}", files.join(", ")));
         return Ok(());
     }
     let recording = Recording::read(layout, None)?;
