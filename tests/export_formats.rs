@@ -133,6 +133,51 @@ fn the_urdf_has_the_same_poses_in_an_independent_reader() {
     }
 }
 
+/// The same in another language's reader, where it is installed.
+#[test]
+fn the_urdf_has_the_same_poses_in_a_python_reader() {
+    const SCRIPT: &str = "
+import json, sys, yourdfpy
+cell = yourdfpy.URDF.load(sys.argv[1], load_meshes=False)
+cell.update_cfg(json.loads(sys.argv[2]))
+print(json.dumps({link: cell.get_transform(link, 'world').flatten().tolist() for link in cell.link_map}))
+";
+    let (dir, layout) = cell();
+    let path = dir.path().join("cell.urdf");
+    std::fs::write(&path, text_of(&layout, Format::Urdf)).unwrap();
+    let arm = [0.3, -1.2, 1.9, -0.4, 2.2, -2.9];
+    let classic = [0.7, -0.5, 0.15];
+    let names =
+        (1..=6).map(|i| format!("arm_link{i}_joint")).chain((1..=3).map(|i| format!("classic_link{i}_axis_joint")));
+    let values = arm.iter().chain(&classic);
+    let joints: serde_json::Map<_, _> = names.zip(values).map(|(name, v)| (name, serde_json::json!(v))).collect();
+    let output = std::process::Command::new("python3")
+        .args(["-c", SCRIPT, path.to_str().unwrap(), &serde_json::Value::from(joints).to_string()])
+        .output();
+    let output = match output {
+        Ok(output) if !program::stderr(&output).contains("No module named") => output,
+        _ => {
+            println!("skipped: no yourdfpy");
+            return;
+        }
+    };
+    let found = program::json(&output);
+    for (link, frame) in [
+        ("arm_flange", "arm.flange"),
+        ("classic_flange", "classic.flange"),
+        ("left_optical_frame", "left"),
+        ("steep_optical_frame", "steep"),
+        ("hand_optical_frame", "hand"),
+        ("tool", "tool"),
+        ("part", "part"),
+    ] {
+        let matrix = isometry(&expected(&layout, frame, [&arm, &classic])).to_homogeneous();
+        for (i, value) in found[link].as_array().unwrap().iter().enumerate() {
+            assert!((value.as_f64().unwrap() - matrix[(i / 4, i % 4)]).abs() < 1e-9, "{link} {i}");
+        }
+    }
+}
+
 #[test]
 fn the_macro_is_the_same_cell_with_a_prefix() {
     let (_dir, layout) = cell();
@@ -354,6 +399,23 @@ fn ur_rotation_vectors_are_those_that_are_published() {
             assert!((a - b).abs() < 1e-12);
         }
     }
+}
+
+/// Universal Robots, *The URScript Programming Language*, `rpy2rotvec` and `rotvec2rpy`: the manual's own examples, to its own digits.
+#[allow(clippy::approx_constant, reason = "the manual's numbers")]
+#[test]
+fn ur_rotation_vectors_are_those_of_the_manual() {
+    let found = ur_pose(&Pose { rotation: rotation::from_rpy([3.14, 1.57, 0.0]), ..Pose::identity() });
+    for (a, b) in found[3..].iter().zip([2.22153, 0.00177, -2.21976]) {
+        assert!((a - b).abs() < 5.1e-6, "{found:?}");
+    }
+    let back = ur_pose(&Pose { rotation: rotation::from_rpy([-2.80856, -0.16202, 0.9]), ..Pose::identity() });
+    // The manual's angles have five digits; its rotation vector is longer than half a turn, and the shorter one is the same turn.
+    let turn = UnitQuaternion::from_scaled_axis(Vector3::new(3.14, 1.57, 0.0));
+    assert!(
+        UnitQuaternion::from_scaled_axis(Vector3::new(back[3], back[4], back[5])).angle_to(&turn) < 1e-5,
+        "{back:?}"
+    );
 }
 
 #[test]

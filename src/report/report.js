@@ -28,9 +28,17 @@
   const EYES = { iso: { x: 1.35 * far, y: -1.35 * far, z: 0.85 * far }, top: { x: 0, y: -0.001, z: 2.1 * far }, front: { x: 0, y: -2.1 * far, z: 0.05 }, side: { x: 2.1 * far, y: 0, z: 0.05 } };
   // What is near is seen lower than what is far: looking a little below the middle fills the frame.
   const LOW = { x: 0, y: 0, z: narrow() ? -0.04 : -0.1 };
-  const space = (units, more) => {
-    const one = (name) => ({ title: { text: `${name}, ${units}` }, gridcolor: css('--grid'), zerolinecolor: css('--line'), color: css('--ink'), backgroundcolor: 'rgba(0,0,0,0)', showspikes: false, ...(narrow() ? { nticks: 5, tickfont: { size: 9 } } : {}) });
-    return flat({ margin: { l: 0, r: 0, t: 0, b: 0 }, legend: { orientation: 'h', y: 0.99, yanchor: 'top', x: 0.01, bgcolor: 'rgba(0,0,0,0)' }, uirevision: 'keep', scene: { xaxis: one('x'), yaxis: one('y'), zaxis: one('z'), aspectmode: 'data', uirevision: 'keep', camera: { eye: EYES.iso, center: LOW }, ...more } });
+  // Least and greatest x, y and z of lists of them, a little wider, and nowhere without thickness.
+  const span = (lists, margin = 0) => {
+    const ranges = lists.map((list) => list.reduce(([a, b], v) => (v === null || v === undefined ? [a, b] : [Math.min(a, v), Math.max(b, v)]), [Infinity, -Infinity]));
+    const most = Math.max(...ranges.map(([a, b]) => b - a)) || 1;
+    return ranges.map(([a, b]) => { const more = Math.max(margin, 0.04 * (b - a), 0.02 * most); return [a - more, b + more]; });
+  };
+  // Whatever its shape, a box fills the figure: its diagonal is always the same, and it is never taller than the figure.
+  const space = (units, ranges) => {
+    const sides = ranges.map(([a, b]) => b - a), unit = Math.min(2.15 / Math.hypot(...sides), 1.12 / sides[2]);
+    const one = (name, i) => ({ range: ranges[i], title: { text: `${name}, ${units}` }, gridcolor: css('--grid'), zerolinecolor: css('--line'), color: css('--ink'), backgroundcolor: 'rgba(0,0,0,0)', showspikes: false, ...(narrow() ? { nticks: 5, tickfont: { size: 9 } } : {}) });
+    return flat({ margin: { l: 0, r: 0, t: 0, b: 0 }, legend: { orientation: 'h', y: 0.99, yanchor: 'top', x: 0.01, bgcolor: 'rgba(0,0,0,0)' }, uirevision: 'keep', scene: { xaxis: one('x', 0), yaxis: one('y', 1), zaxis: one('z', 2), aspectmode: 'manual', aspectratio: { x: unit * sides[0], y: unit * sides[1], z: unit * sides[2] }, uirevision: 'keep', camera: { eye: EYES.iso, center: LOW } } });
   };
 
   // --- the cell ---------------------------------------------------------------------------------
@@ -150,10 +158,14 @@
     });
     return Plotly.restyle('cell', { text: [text], textposition: [textposition] }, [names]);
   };
+  const cellRanges = (() => {
+    const places = scene.frames.flatMap((f) => (f.pose ? [f.pose] : (f.poses || []).filter(Boolean)));
+    return span([0, 1, 2].map((k) => places.map((p) => p[k])), 0.06 * size);
+  })();
   let watched = false;
   const drawCell = async () => {
     say();
-    await Plotly.react('cell', cellTraces(), space('m'), config);
+    await Plotly.react('cell', cellTraces(), space('m', cellRanges), config);
     if (!watched) { watched = true; $('cell').on('plotly_relayout', () => requestAnimationFrame(spreadNames)); }
     await new Promise(requestAnimationFrame);
     return spreadNames();
@@ -166,7 +178,7 @@
     const hover = 'configuration %{text}<br>x %{x} mm<br>y %{y} mm<br>z %{z} mm';
     const traces = [{ type: 'scatter3d', mode: 'lines', name: 'computed', x: path.computed.x, y: path.computed.y, z: path.computed.z, text: path.computed.configuration, line: { ...line, width: 3 }, hovertemplate: hover }];
     path.measured.forEach((m, i) => traces.push({ type: 'scatter3d', mode: 'markers', name: m.by, x: m.x, y: m.y, z: m.z, text: m.configuration, marker: { size: 3, color: colour(i), symbol: SPACE_SYMBOLS[i % 8] }, hovertemplate: hover }));
-    Plotly.react('path-space', traces, space('mm'), config);
+    Plotly.react('path-space', traces, space('mm', span(['x', 'y', 'z'].map((k) => traces.flatMap((t) => t[k])))), config);
     for (const [id, a, b] of [['path-xy', 'x', 'y'], ['path-xz', 'x', 'z'], ['path-yz', 'y', 'z']]) {
       const plane = [];
       path.measured.forEach((m, i) => plane.push({ type: 'scatter', mode: 'markers', name: m.by, x: m[a], y: m[b], text: m.configuration, marker: { size: 4, color: colour(i), symbol: SYMBOLS[i % 8], opacity: 0.75 }, hovertemplate: `configuration %{text}<br>${a} %{x} mm<br>${b} %{y} mm` }));
@@ -198,7 +210,7 @@
     if (!traces.length) { $('cloud').closest('figure').hidden = true; return; }
     const reach = Math.max(...traces.flatMap((t) => [t.x, t.y, t.z].map((l) => l.reduce((m, v) => Math.max(m, Math.abs(v)), 0)))) * 0.25 || 1;
     traces.push({ type: 'scatter3d', mode: 'lines', name: 'the world', ...lines([[[0, 0, 0], [reach, 0, 0]], [[0, 0, 0], [0, reach, 0]], [[0, 0, 0], [0, 0, reach]]]), line: { color: css('--ink'), width: 5 }, hoverinfo: 'skip' });
-    Plotly.react('cloud', traces, space('mm'), config);
+    Plotly.react('cloud', traces, space('mm', span(['x', 'y', 'z'].map((k) => traces.flatMap((t) => t[k])))), config);
   };
   const drawStops = () => {
     const { px, mm } = figures.stops;
@@ -227,8 +239,15 @@
   };
   const drawCorrelation = () => {
     const c = figures.correlation;
-    const few = c.labels.length <= (narrow() ? 16 : 48);
-    Plotly.react('correlation', [{ type: 'heatmap', z: c.values, x: c.labels, y: c.labels, zmin: -1, zmax: 1, colorscale: [[0, '#0072B2'], [0.5, '#f7f7f7'], [1, '#D55E00']], colorbar: { title: { text: 'correlation' }, thickness: 12 }, hovertemplate: '%{y}<br>%{x}<br>%{z:.3f}<extra></extra>' }], flat({ xaxis: axis('', { tickangle: -60, showticklabels: few, tickfont: { size: 9 } }), yaxis: axis('', { autorange: 'reversed', showticklabels: few, tickfont: { size: 9 } }), margin: { l: 10, r: 10, t: 10, b: 10 } }), config);
+    // Where there is no room for every name, each block's stands at its middle.
+    const few = c.labels.length <= (narrow() ? 16 : 48), blocks = [];
+    c.labels.forEach((label, i) => {
+      const name = few || !c.whole ? label : label.replace(/ [^ ]+$/, '');
+      const last = blocks[blocks.length - 1];
+      if (last && last.name === name) last.to = i; else blocks.push({ name, from: i, to: i });
+    });
+    const ticks = { tickmode: 'array', tickvals: blocks.map((b) => (b.from + b.to) / 2), ticktext: blocks.map((b) => b.name), showticklabels: !narrow() || few, tickfont: { size: few || blocks.length < 30 ? 10 : 8 } };
+    Plotly.react('correlation', [{ type: 'heatmap', z: c.values, x: c.labels, y: c.labels, zmin: -1, zmax: 1, colorscale: [[0, '#0072B2'], [0.5, '#f7f7f7'], [1, '#D55E00']], colorbar: { title: { text: 'correlation' }, thickness: 12 }, hovertemplate: '%{y}<br>%{x}<br>%{z:.3f}<extra></extra>' }], flat({ xaxis: axis('', { ...ticks, tickangle: -60 }), yaxis: axis('', { ...ticks, autorange: 'reversed' }), margin: { l: 10, r: 10, t: 10, b: 10 } }), config);
   };
 
   // --- when and how -----------------------------------------------------------------------------
