@@ -78,7 +78,7 @@ fn missing_files() {
     pinned(
         &said,
         "error: the file cannot be read: it does not exist
-  --> ./joint.csv
+  --> joint.csv
   help: paths are relative to the recording's folder, by default the layout's own",
     );
     let said = refused("solve", &edited("model: ur5e", "model: {mdh: my_arm.yaml}"), &[]);
@@ -183,7 +183,7 @@ fn nan_in_a_csv() {
     pinned(
         &said,
         "error: `q3` is NaN
-  --> ./joints.csv:3
+  --> joints.csv:3
     3 | 2,arm,0.1,0.2,NaN,0.4,0.5,0.6
   help: every number must be finite: leave the line out if the value is not known",
     );
@@ -191,7 +191,7 @@ fn nan_in_a_csv() {
     pinned(
         &said,
         "error: `u` is inf
-  --> ./corners.csv:4
+  --> corners.csv:4
     4 | 1,0,eye,tag,7,2,inf,200
   help: every number must be finite: leave the line out if the value is not known",
     );
@@ -203,7 +203,7 @@ fn wrong_joint_count() {
     pinned(
         &said,
         "error: robot `arm` has 6 joints but 5 values stand here
-  --> ./joints.csv:2
+  --> joints.csv:2
     2 | 1,arm,0,0,0,0,0,
   help: give one value for each joint and leave the other cells empty",
     );
@@ -215,14 +215,14 @@ fn pictures_or_corners_without_joints() {
     pinned(
         &said,
         "error: configuration 9 has the picture `./images/0009.png` but no joint values
-  --> ./joints.csv
+  --> joints.csv
   help: add the line, or remove the picture",
     );
     let said = refused("solve", GOOD, &[("corners.csv", &CORNERS.replace("1,0,eye", "9,0,eye"))]);
     pinned(
         &said,
         "error: configuration 9 has a measurement by `eye` but robot `arm` has no joint values there
-  --> ./joints.csv
+  --> joints.csv
   help: add the line, or remove the measurements of that configuration",
     );
 }
@@ -239,7 +239,7 @@ fn pictures_of_another_size_and_impossible_pictures() {
     std::fs::create_dir(dir.path().join("images")).unwrap();
     std::fs::write(dir.path().join("images/0001.png"), grey_png(64, 48)).unwrap();
     pinned(&check(dir.path(), "detect"), "error: none of the 1 pictures could be used; the first: ./images/0001.png: the picture is 64x48, the camera's intrinsics are for 640x480
-  --> ./images/0001.png
+  --> images/0001.png
   help: check the pictures against `images` and the `size` of the intrinsics");
     // The header alone, claiming ten thousand million pixels.
     let mut bomb = grey_png(64, 48);
@@ -255,7 +255,7 @@ fn pictures_of_another_size_and_impossible_pictures() {
     bomb[29..33].copy_from_slice(&(!crc).to_be_bytes());
     std::fs::write(dir.path().join("images/0001.png"), bomb).unwrap();
     pinned(&check(dir.path(), "detect"), "error: none of the 1 pictures could be used; the first: ./images/0001.png: the header claims 100000x100000 pixels, more than 256 megapixels
-  --> ./images/0001.png
+  --> images/0001.png
   help: check the pictures against `images` and the `size` of the intrinsics");
 }
 
@@ -305,7 +305,7 @@ fn an_empty_recording() {
     pinned(
         &refused("solve", GOOD, &[("corners.csv", header)]),
         "error: the recording is empty: its files hold no measurement
-  --> ./corners.csv
+  --> corners.csv
   help: check that the detector found something and that the files are the right ones",
     );
     let said = refused("solve", &edited("observations: {detections: corners.csv}\n", ""), &[]);
@@ -363,7 +363,7 @@ fn names_that_the_layout_does_not_have() {
     pinned(
         &said,
         "error: the layout has no target `tga`
-  --> ./corners.csv:5
+  --> corners.csv:5
     5 | 1,0,eye,tga,7,3,100,200
   help: did you mean `tag`?",
     );
@@ -371,7 +371,7 @@ fn names_that_the_layout_does_not_have() {
     pinned(
         &said,
         "error: this corner is given twice, first on line 2
-  --> ./corners.csv:5
+  --> corners.csv:5
     5 | 1,0,eye,tag,7,0,100,200
   help: keep one of the lines",
     );

@@ -152,7 +152,12 @@ fn names_cannot_break_the_page() {
     assert!(data(&html)["scene"]["frames"].as_array().unwrap().iter().any(|f| f["name"] == name));
 }
 
-/// Runs a page in headless Chromium and returns what its document holds at the end.
+/// Where the screenshot of a width is kept.
+fn screenshot(width: u32) -> std::path::PathBuf {
+    Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("report_{width}.png"))
+}
+
+/// Runs a page in headless Chromium and returns what its document holds at the end, and what was said. A screenshot stays in the folder that cargo keeps for tests.
 fn browse(page: &Path, width: u32) -> Option<(String, String)> {
     let browser = ["chromium", "chromium-browser", "google-chrome"]
         .into_iter()
@@ -167,7 +172,8 @@ fn browse(page: &Path, width: u32) -> Option<(String, String)> {
             "--enable-unsafe-swiftshader",
         ])
         .args(["--enable-logging=stderr", "--virtual-time-budget=60000", "--dump-dom"])
-        .arg(format!("--window-size={width},900"))
+        .arg(format!("--screenshot={}", screenshot(width).display()))
+        .arg(format!("--window-size={width},5000"))
         .arg(format!("--user-data-dir={}", profile.path().display()))
         .arg(format!("file://{}", page.display()))
         .output()
@@ -190,7 +196,7 @@ fn the_report_runs_in_a_browser() {
         theme:document.documentElement.dataset.theme,wide:document.documentElement.scrollWidth-window.innerWidth});},2000);}\
         catch(e){document.title=JSON.stringify({wrong:[String(e)]});}},500));</script></head>";
     std::fs::write(dir.path().join("probe.html"), html.replacen("</head>", probe, 1)).unwrap();
-    for width in [1440, 390] {
+    for width in [1440, 800, 390] {
         let Some((dom, log)) = browse(&dir.path().join("probe.html"), width) else {
             println!("skipped: no Chromium");
             return;
@@ -203,6 +209,9 @@ fn the_report_runs_in_a_browser() {
         assert_eq!((found["stop"].as_str(), found["swell"].as_str()), (Some("6"), Some("× 1000")), "{found}");
         assert!(["dark", "light"].contains(&found["theme"].as_str().unwrap()), "{found}");
         assert!(found["wide"].as_i64().unwrap() <= 0, "the page is wider than the screen: {found}");
+        let picture = image::open(screenshot(width)).unwrap().to_rgb8();
+        let inked = picture.pixels().filter(|pixel| pixel.0 != picture.get_pixel(0, 0).0).count();
+        assert!(inked * 50 > picture.len() / 3, "the screenshot is nearly empty: {inked}");
         let complaints: Vec<&str> = log
             .lines()
             .filter(|line| line.contains("CONSOLE") && (line.contains("rror") || line.contains("Uncaught")))
