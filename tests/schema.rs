@@ -35,6 +35,9 @@ fn place(section: &str) -> (File, String) {
         "robot" => layout("robots: {r: {flange_poses: f.csv, HERE}}".to_owned()),
         "model" => layout("robots: {r: {joints: j.csv, model: {mdh: ur.yaml, HERE}}}".to_owned()),
         "identify" => layout("robots: {r: {joints: j.csv, model: ur5e, identify: {HERE}}}".to_owned()),
+        "repeatability" => {
+            layout("robots: {r: {flange_poses: f.csv, repeatability: {xyz: 1, rotation: 1, HERE}}}".to_owned())
+        }
         "belief" => layout("robots: {r: {joints: j.csv, model: ur5e, identify: {lengths: {HERE}}}}".to_owned()),
         "sensor" => layout("sensors: {s: {measures: points, HERE}}".to_owned()),
         "target" => target("HERE"),

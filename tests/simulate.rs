@@ -44,7 +44,7 @@ fn with(name: &str, section: &str) -> Layout {
 fn sigma_of(solved: &Solved, key: &str) -> [Option<f64>; 6] {
     let edge = solved.tree.static_edges.iter().position(|edge| edge.key == key).unwrap();
     let block = &solved.plan.unknowns.blocks[solved.plan.unknowns.edge(edge).unwrap()];
-    solved.covariance.pose_sigma(&solved.tree, &solved.state, block)
+    solved.covariance.pose_sigma(&solved.tree, &solved.state, block, cellmap::trust::Source::Both)
 }
 
 /// The paper's simulation A: without noise both methods find base and tool to a millionth of a micrometre (1e-9 mm).

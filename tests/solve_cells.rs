@@ -63,7 +63,12 @@ fn with_noise_every_component_lies_within_four_sigma() {
             else {
                 continue;
             };
-            let sigma = solved.covariance.pose_sigma(&solved.tree, &solved.state, &solved.plan.unknowns.blocks[block]);
+            let sigma = solved.covariance.pose_sigma(
+                &solved.tree,
+                &solved.state,
+                &solved.plan.unknowns.blocks[block],
+                cellmap::trust::Source::Both,
+            );
             let (expected, found) = (true_pose(&truth, &edge.key), solved.state.static_poses[index]);
             let shift = found.translation - expected.translation;
             let turn =
@@ -342,7 +347,7 @@ fn a_prior_is_not_weighed_by_the_noise_of_the_measurements() {
     let sigma = |solved: &cellmap::workflow::solve::Solved| {
         let index = solved.tree.static_edges.iter().position(|edge| edge.key == "ur5e.flange_from_ur5e_tool").unwrap();
         let block = &solved.plan.unknowns.blocks[solved.plan.unknowns.edge(index).unwrap()];
-        solved.covariance.pose_sigma(&solved.tree, &solved.state, block)[0].unwrap()
+        solved.covariance.pose_sigma(&solved.tree, &solved.state, block, cellmap::trust::Source::Both)[0].unwrap()
     };
     assert!((sigma(&with) / sigma(&without) - 1.0).abs() < 0.02);
 }

@@ -80,7 +80,7 @@ fn recording(layout: &Layout) -> Recording {
 fn start(layout: &Layout, tree: &FrameTree, plan: &Plan) -> State {
     State {
         static_poses: tree.static_edges.iter().map(|edge| edge.spec.pose().unwrap_or_default()).collect(),
-        moving_poses: vec![vec![Pose::identity(); plan.configurations.len()]; tree.moving_edges.len()],
+        moving_poses: vec![vec![Pose::identity(); plan.configurations.len()]; plan.moving_count()],
         corrections: vec![(0..24).map(|i| 0.001 * f64::from(i).sin()).collect()],
         lenses: layout.cameras.iter().map(|c| *c.intrinsics.as_ref().unwrap().parameters()).collect(),
     }

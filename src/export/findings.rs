@@ -6,6 +6,8 @@ use crate::layout::Document;
 use crate::layout::{Motion, PoseSpec};
 use crate::robot::PARAMETERS_PER_LINK;
 use crate::solve::UnknownKind;
+use crate::trust::Source;
+use crate::trust::sandwich::Scatter;
 use crate::workflow::solve::Solved;
 
 /// Radians in degrees.
@@ -21,9 +23,10 @@ pub fn poses(solved: &Solved) -> Vec<(String, Document)> {
             continue;
         }
         let pose = &solved.state.static_poses[index];
-        let sigma = match solved.plan.unknowns.edge(index) {
+        let sigma = |source: Source| match solved.plan.unknowns.edge(index) {
             Some(block) => {
-                solved.covariance.pose_sigma(&solved.tree, &solved.state, &solved.plan.unknowns.blocks[block])
+                let block = &solved.plan.unknowns.blocks[block];
+                solved.covariance.pose_sigma(&solved.tree, &solved.state, block, source)
             }
             // Fixed, or known by nothing but its prior.
             None => match &edge.spec {
@@ -36,7 +39,8 @@ pub fn poses(solved: &Solved) -> Vec<(String, Document)> {
         };
         let xyz: [f64; 3] = (pose.translation * 1e3).into();
         let turn: [f64; 3] = (rotation::log(&pose.rotation) / DEGREE).into();
-        let scaled = |i: usize, scale: f64| sigma[i].map(|s| s * scale);
+        let xyz_sigma = |source| Document::known(&[0, 1, 2].map(|i| sigma(source)[i].map(|s| s * 1e3)));
+        let turn_sigma = |source| Document::known(&[3, 4, 5].map(|i| sigma(source)[i].map(|s| s / DEGREE)));
         let kind = match (edge.freedom, &edge.spec) {
             (Freedom::Fixed, _) => "fixed",
             (_, PoseSpec::Prior(..)) => "found with a prior",
@@ -47,8 +51,12 @@ pub fn poses(solved: &Solved) -> Vec<(String, Document)> {
             Document::map([
                 ("xyz_mm", Document::numbers(&xyz)),
                 ("rotvec_deg", Document::numbers(&turn)),
-                ("sigma_xyz_mm", Document::known(&[0, 1, 2].map(|i| scaled(i, 1e3)))),
-                ("sigma_rotvec_deg", Document::known(&[3, 4, 5].map(|i| scaled(i, 1.0 / DEGREE)))),
+                ("sigma_xyz_mm", xyz_sigma(Source::Both)),
+                ("sigma_rotvec_deg", turn_sigma(Source::Both)),
+                ("information_sigma_xyz_mm", xyz_sigma(Source::Information)),
+                ("information_sigma_rotvec_deg", turn_sigma(Source::Information)),
+                ("clusters_sigma_xyz_mm", xyz_sigma(Source::Clusters)),
+                ("clusters_sigma_rotvec_deg", turn_sigma(Source::Clusters)),
                 ("kind", Document::text(kind)),
             ]),
         ));
@@ -61,16 +69,26 @@ pub fn poses(solved: &Solved) -> Vec<(String, Document)> {
 pub fn parameters(solved: &Solved) -> Vec<(String, Document)> {
     let mut all = Vec::new();
     for block in &solved.plan.unknowns.blocks {
-        let sigma = |i: usize| solved.covariance.column_sigma(block.start + i).map_or(Document::Null, Document::Number);
+        let parameter = |i: usize, value: f64, scale: f64| {
+            let sigma = |source| {
+                let sigma = solved.covariance.column_sigma(block.start + i, source);
+                sigma.map_or(Document::Null, |sigma| Document::Number(sigma * scale))
+            };
+            Document::map([
+                ("value", Document::Number(value * scale)),
+                ("sigma", sigma(Source::Both)),
+                ("information_sigma", sigma(Source::Information)),
+                ("clusters_sigma", sigma(Source::Clusters)),
+            ])
+        };
         let mut entries = Vec::new();
         match &block.kind {
             UnknownKind::Edge(_) => continue,
             UnknownKind::Lens { camera, places } => {
                 let Some(intrinsics) = &solved.layout.cameras[*camera].intrinsics else { continue };
                 for (i, place) in places.iter().enumerate() {
-                    let value = Document::Number(solved.state.lenses[*camera][*place]);
                     let name = intrinsics.model().parameter_name(*place).to_owned();
-                    entries.push((name, Document::map([("value", value), ("sigma", sigma(i))])));
+                    entries.push((name, parameter(i, solved.state.lenses[*camera][*place], 1.0)));
                 }
             }
             UnknownKind::Links { robot, places, .. } => {
@@ -80,19 +98,24 @@ pub fn parameters(solved: &Solved) -> Vec<(String, Document)> {
                         (place / PARAMETERS_PER_LINK, crate::robot::ParameterKind::ALL[place % PARAMETERS_PER_LINK]);
                     let angle = kind.is_angle(chain.links[link].joint);
                     let (scale, unit) = if angle { (1.0 / DEGREE, "deg") } else { (1e3, "mm") };
-                    let value = Document::Number(solved.state.corrections[*robot][*place] * scale);
-                    let sigma = solved
-                        .covariance
-                        .column_sigma(block.start + i)
-                        .map_or(Document::Null, |s| Document::Number(s * scale));
                     let name = format!("joint{}_{}_{unit}", link + 1, kind.name());
-                    entries.push((name, Document::map([("value", value), ("sigma", sigma)])));
+                    entries.push((name, parameter(i, solved.state.corrections[*robot][*place], scale)));
                 }
             }
         }
         all.push((block.name.clone(), Document::Map(entries)));
     }
     all
+}
+
+/// Whether groups of measurements have errors in common: how many groups there are, the variance against that of independent errors, and whether that
+/// is more than chance.
+fn scatter(scatter: &Scatter) -> Document {
+    Document::map([
+        ("groups", Document::Whole(scatter.groups as u64)),
+        ("variance_ratio", Document::Number(scatter.ratio())),
+        ("shown", Document::Flag(scatter.shown())),
+    ])
 }
 
 /// What could not be determined.
@@ -139,6 +162,13 @@ pub fn fit(solved: &Solved) -> Vec<(String, Document)> {
         ("rms_point_mm".to_owned(), optional(r.rms_points().map(|e| e * 1e3))),
         ("rms_contact_mm".to_owned(), optional(r.rms_contacts().map(|e| e * 1e3))),
         ("noise".to_owned(), Document::Number(solved.covariance.noise)),
+        (
+            "shared_errors".to_owned(),
+            Document::map([
+                ("by_configuration", scatter(&solved.covariance.clusters.configurations)),
+                ("by_corner", scatter(&solved.covariance.clusters.corners)),
+            ]),
+        ),
         ("doubts".to_owned(), Document::List(solved.doubts().into_iter().map(Document::Text).collect())),
         (
             "corners".to_owned(),

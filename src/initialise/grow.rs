@@ -91,7 +91,7 @@ pub fn initialise(
         given: starts.iter().map(Option::is_some).collect(),
         state: State {
             static_poses: starts.into_iter().map(Option::unwrap_or_default).collect(),
-            moving_poses: vec![vec![Pose::identity(); plan.configurations.len()]; tree.moving_edges.len()],
+            moving_poses: vec![vec![Pose::identity(); plan.configurations.len()]; plan.moving_count()],
             corrections: layout.robots.iter().map(|robot| robot.corrections.clone()).collect(),
             lenses: layout.cameras.iter().map(|camera| lens(&camera.intrinsics)).collect(),
         },

@@ -99,7 +99,8 @@ pub(super) fn drop_unplaced(plan: &mut Plan, placed: &[Vec<bool>]) -> usize {
     for group in &mut plan.groups {
         let edges: Vec<usize> = group.compiled.moving.iter().map(|(_, edge)| *edge).collect();
         group.blocks.retain(|block| {
-            let keep = edges.iter().all(|edge| placed[*edge][block.configuration]);
+            // Where a robot really stops starts at its log and needs no placing.
+            let keep = edges.iter().all(|edge| placed.get(*edge).is_none_or(|at| at[block.configuration]));
             dropped += if keep { 0 } else { block.end - block.start };
             keep
         });

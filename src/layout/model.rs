@@ -161,6 +161,9 @@ pub struct Robot {
     pub pose: PoseSpec,
     /// Which link parameters are to be found.
     pub identify: Vec<LinkParameters>,
+    /// How far from its log it really stops: standard deviation of the flange's translation (m) and rotation vector (rad) per axis, drawn anew at each
+    /// configuration; none where the log is exact.
+    pub repeatability: Option<[f64; 2]>,
     /// What an earlier solution found of the links ([`crate::robot::PARAMETERS_PER_LINK`] a link), added to the model; zeros otherwise.
     pub corrections: Vec<f64>,
     /// What the layout called the model, to write it out again.

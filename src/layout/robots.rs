@@ -22,6 +22,7 @@ pub(super) fn read_robot(context: &Context<'_>, name: &str, node: &Node) -> Opti
     let pose = context.read_pose_of(&fields);
     let corrections = fields.get("corrections");
     let identify = fields.get("identify").map(|node| read_identify(to, name, node));
+    let repeatability = fields.get("repeatability").map(|node| read_repeatability(context, name, node));
     let line = fields.line;
     let motion = match (model, joints, flange_poses) {
         (Some(model), Some(joints), None) => {
@@ -54,6 +55,7 @@ pub(super) fn read_robot(context: &Context<'_>, name: &str, node: &Node) -> Opti
     };
     fields.finish();
     let identify = identify.unwrap_or(Some(Vec::new()));
+    let repeatability = repeatability.map_or(Some(None), |read| read.map(Some))?;
     let (motion, model_source) = motion?;
     let identify = identify?;
     let corrections = match (corrections, &motion) {
@@ -68,7 +70,21 @@ pub(super) fn read_robot(context: &Context<'_>, name: &str, node: &Node) -> Opti
             "give `model` and `joints`",
         );
     }
-    Some(Robot { name: name.to_owned(), line, motion, mount: mount?, pose: pose?, identify, corrections, model_source })
+    let name = name.to_owned();
+    let (mount, pose) = (mount?, pose?);
+    Some(Robot { name, line, motion, mount, pose, identify, repeatability, corrections, model_source })
+}
+
+/// `{xyz, rotation}`: both positive, since a robot that stops exactly needs no such key.
+fn read_repeatability(context: &Context<'_>, name: &str, node: &Node) -> Option<[f64; 2]> {
+    let fields = Fields::open(context.to, node, format!("`repeatability` of robot `{name}`"))?;
+    let read = |key: &'static str, scale: f64| {
+        let node = fields.require(key, "0.05")?;
+        Some(fields.positive(node, &format!("`{key}`"))? * scale)
+    };
+    let (xyz, rotation) = (read("xyz", context.units.length), read("rotation", context.units.angle));
+    fields.finish();
+    Some([xyz?, rotation?])
 }
 
 fn read_identify(to: &Gathered<'_>, name: &str, node: &Node) -> Option<Vec<LinkParameters>> {

@@ -152,6 +152,10 @@ fn robot(layout: &Layout, paths: &Paths<'_>, robot: &Robot) -> Document {
     if !robot.identify.is_empty() {
         entries.push(("identify".to_owned(), identify(&robot.identify)));
     }
+    if let Some([xyz, rotation]) = robot.repeatability {
+        let sigmas = [("xyz", number(xyz / units.length)), ("rotation", number(rotation / units.angle))];
+        entries.push(("repeatability".to_owned(), Document::map(sigmas)));
+    }
     place(&mut entries, layout, &format!("{}.base", robot.name), &robot.mount, &robot.pose);
     Document::Map(entries)
 }

@@ -140,6 +140,7 @@ pub const SECTIONS: &[Section] = &[
         MOUNT,
         POSE_KEY,
         key("identify", Kind::Section("identify"), "", "nothing", "which link parameters are to be found too"),
+        key("repeatability", Kind::Section("repeatability"), "", "none: it stops where its log says", "how far from its log it really stops, drawn anew at each configuration"),
         key("corrections", Kind::Rows(4), "length, angle", "zeros", "one `[offset, d, a, alpha]` a joint, as a solution has them"),
     ]) },
     Section { one_of: &[&["mdh"], &["dh"], &["urdf", "base", "tip"]], ..section("model", "Under `model` of a robot.", &[
@@ -153,6 +154,10 @@ pub const SECTIONS: &[Section] = &[
         key("joint_offsets", Kind::Section("belief"), "", "not found", "what is added to the joint values"),
         key("lengths", Kind::Section("belief"), "", "not found", "`a` and `d` of every link"),
         key("angles", Kind::Section("belief"), "", "not found", "`alpha` of every link"),
+    ]),
+    section("repeatability", "Under `repeatability` of a robot: standard deviations per axis of where its flange really stops.", &[
+        key("xyz", Kind::Positive, "length", "", "of the flange's translation"),
+        key("rotation", Kind::Positive, "angle", "", "of its rotation vector"),
     ]),
     section("belief", "A family of link parameters.", &[
         key("sigma", Kind::Positive, "length or angle", "no prior", "standard deviation of the prior about the model"),

@@ -48,7 +48,7 @@ pub(super) struct Shape {
     /// Where each compact column without the residual is in the shared equations; only for groups without moving edges.
     columns: Vec<usize>,
     /// The unknown lens parameters.
-    lens: Vec<usize>,
+    pub(super) lens: Vec<usize>,
 }
 
 /// Buffers for expanding one block.
@@ -65,15 +65,15 @@ pub struct Assembler<'a> {
     pub(super) plan: &'a Plan,
     loss: Loss,
     arch: Arch,
-    lens_models: Vec<LensModel>,
-    robots: Vec<RobotData<'a>>,
+    pub(super) lens_models: Vec<LensModel>,
+    pub(super) robots: Vec<RobotData<'a>>,
     pub(super) priors: Priors,
     /// By group.
     pub(super) shapes: Vec<Shape>,
     units: Vec<Unit>,
     pub(super) bundles: Vec<Bundle>,
     packed: Packed,
-    segments: Vec<SegmentValues>,
+    pub(super) segments: Vec<SegmentValues>,
     trial_segments: Vec<SegmentValues>,
     /// Costs of units, then of bundles, at a trial.
     trial_costs: Vec<f64>,
@@ -145,6 +145,24 @@ impl<'a> Assembler<'a> {
         }
     }
 
+    fn fill_bundles(&self, state: &State, segments: &[SegmentValues], bundles: &mut [Bundle]) {
+        bundles.par_iter_mut().for_each(|bundle| {
+            bundle.fill(self, state, |group, shape, block, scratch, matrix| {
+                self.expand(group, shape, block, state, segments, scratch, matrix)
+            });
+        });
+    }
+
+    /// Fills the robots' segments and every local unit, and nothing else.
+    pub(super) fn linearise_locally(&mut self, state: &State) {
+        self.pack();
+        let mut segments = std::mem::take(&mut self.segments);
+        fill_segments(self.plan, &self.robots, state, true, &mut segments);
+        let mut bundles = std::mem::take(&mut self.bundles);
+        self.fill_bundles(state, &segments, &mut bundles);
+        (self.bundles, self.segments) = (bundles, segments);
+    }
+
     /// Linearises at `state`: fills the normal equations and every local unit. Returns the cost.
     pub fn linearise(&mut self, state: &State, normal: &mut Normal) -> f64 {
         self.pack();
@@ -161,11 +179,7 @@ impl<'a> Assembler<'a> {
                 unit.cost += this.expand(group, shape, block, state, &segments, &mut unit.scratch, &mut unit.matrix);
             }
         });
-        local.par_iter_mut().for_each(|bundle| {
-            bundle.fill(this, |group, shape, block, scratch, matrix| {
-                this.expand(group, shape, block, state, &segments, scratch, matrix)
-            });
-        });
+        this.fill_bundles(state, &segments, &mut local);
         normal.reset(this.plan.unknowns.count);
         for unit in &units {
             normal.add_upper(&this.shapes[unit.group].columns, &unit.matrix);
@@ -185,26 +199,13 @@ impl<'a> Assembler<'a> {
         self.bundles.iter().flat_map(|bundle| &bundle.units)
     }
 
-    /// The information matrix of the shared unknowns at the last linearisation with local ones marginalised, row-major.
-    #[must_use]
-    pub fn information(&self, normal: &Normal) -> Vec<f64> {
-        let n = normal.gradient.len();
-        let mut matrix = normal.hessian.clone();
-        for unit in self.local_units() {
-            let block = unit.marginal();
-            for (i, &a) in unit.shared().iter().enumerate() {
-                for (j, &b) in unit.shared().iter().enumerate() {
-                    matrix[a * n + b] -= block[(i, j)];
-                }
-            }
-        }
-        matrix
-    }
-
     /// For each moving edge, the configurations (of the plan) at which something sees it.
     #[must_use]
     pub fn moved(&self) -> Vec<Vec<usize>> {
-        let edges = self.local_units().flat_map(|unit| unit.edges.iter()).max().map_or(0, |edge| edge + 1);
+        // A robot's stop is no place of anything.
+        let edges =
+            self.local_units().flat_map(|unit| unit.edges.iter()).filter(|edge| **edge < self.plan.moving_edges);
+        let edges = edges.max().map_or(0, |edge| edge + 1);
         let at = |edge: usize| {
             self.local_units().filter(move |unit| unit.edges.contains(&edge)).map(|unit| unit.configuration)
         };
@@ -225,7 +226,7 @@ impl<'a> Assembler<'a> {
             *cost = group.blocks[unit.blocks.clone()].iter().map(|block| block_cost(group, block)).sum();
         });
         this.bundles.par_iter().zip(of_bundles).for_each(|(bundle, cost)| {
-            *cost = bundle.units.iter().map(|unit| unit.cost_of(this.plan, block_cost)).sum();
+            *cost = bundle.units.iter().map(|unit| unit.cost_of(this.plan, state, block_cost)).sum();
         });
         let total = costs.iter().sum::<f64>() + this.priors.cost(state);
         (self.trial_segments, self.trial_costs) = (segments, costs);
@@ -234,7 +235,7 @@ impl<'a> Assembler<'a> {
 
     /// Condenses a block and adds its expansion to a compact matrix of its group's shape; returns its cost.
     #[allow(clippy::too_many_arguments, reason = "the inner loop's own, borrowed apart")]
-    fn expand(
+    pub(super) fn expand(
         &self,
         group: &Group,
         shape: &Shape,

@@ -1,13 +1,18 @@
-//! Unknowns that live at one configuration only: the poses of targets that move, eliminated before the shared equations are solved.
+//! Unknowns that live at one configuration only: the poses of targets that move and the twists of robots that stop inexactly, eliminated before the
+//! shared equations are solved. A robot's twist has its repeatability R as a prior, so eliminating it leaves `M - M (M + R^-1)^-1 M` of what
+//! its measurements say.
 //!
 //! Measurements never reach across configurations, so the local unknowns of one configuration meet only shared ones. Each configuration
 //! is a unit that keeps its local rows `[H_ll, H_ls, g_l]`; what is shared alone goes straight into the sums of a *bundle* of units. The
 //! Schur complement `S = H_ss - H_sl (H_ll + lambda D)^-1 H_ls` is formed in the same sums, and the local step follows from the shared one.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 use super::assemble::{Assembler, Normal, Scratch, Shape};
 use super::plan::{Block, Group, Plan};
+use super::prior::pose_prior;
+use super::state::State;
+use crate::geometry::Pose;
 
 /// Units in a bundle: enough to make the sums worth folding, few enough to share out evenly.
 const BUNDLE: usize = 64;
@@ -106,6 +111,7 @@ impl Bundle {
     pub(super) fn fill(
         &mut self,
         assembler: &Assembler<'_>,
+        state: &State,
         mut expand: impl FnMut(&Group, &Shape, &Block, &mut Scratch, &mut [f64]) -> f64,
     ) {
         self.sums.fill(0.0);
@@ -116,6 +122,7 @@ impl Bundle {
             unit.fill(assembler, &mut self.buffer, (&mut self.sums, stride), |group, shape, block, matrix| {
                 expand(group, shape, block, scratch, matrix)
             });
+            unit.believe(assembler.plan, state);
             self.cost += unit.cost;
         }
     }
@@ -248,8 +255,42 @@ impl LocalUnit {
     }
 
     /// The cost of the unit's blocks.
-    pub(super) fn cost_of(&self, plan: &Plan, mut cost: impl FnMut(&Group, &Block) -> f64) -> f64 {
-        self.members.iter().map(|&(group, block)| cost(&plan.groups[group], &plan.groups[group].blocks[block])).sum()
+    pub(super) fn cost_of(&self, plan: &Plan, state: &State, mut cost: impl FnMut(&Group, &Block) -> f64) -> f64 {
+        let members = self.members.iter();
+        let measured: f64 =
+            members.map(|&(group, block)| cost(&plan.groups[group], &plan.groups[group].blocks[block])).sum();
+        measured + self.belief_cost(plan, state)
+    }
+
+    /// Adds what is believed of the robots' stops.
+    fn believe(&mut self, plan: &Plan, state: &State) {
+        let size = self.local_count() + self.shared.len() + 1;
+        for (slot, &edge) in self.edges.iter().enumerate() {
+            let Some(stop) = edge.checked_sub(plan.moving_edges).map(|stop| &plan.stops[stop]) else { continue };
+            let twist = &state.moving_poses[edge][self.configuration];
+            let (residual, jacobian) = pose_prior(&Pose::identity(), twist, &stop.sigma);
+            let (hessian, gradient) = (jacobian.transpose() * jacobian, jacobian.transpose() * residual);
+            for i in 0..6 {
+                let row = &mut self.rows[(6 * slot + i) * size..(6 * slot + i + 1) * size];
+                row[size - 1] += gradient[i];
+                for j in 0..6 {
+                    row[6 * slot + j] += hessian[(i, j)];
+                }
+            }
+            self.cost += 0.5 * residual.norm_squared();
+        }
+    }
+
+    /// The cost of what is believed of the robots' stops.
+    pub(super) fn belief_cost(&self, plan: &Plan, state: &State) -> f64 {
+        let stop = |edge: usize| plan.stops.get(edge.checked_sub(plan.moving_edges)?);
+        let stops = self.edges.iter().filter_map(|&edge| Some((edge, stop(edge)?)));
+        stops
+            .map(|(edge, stop)| {
+                let twist = &state.moving_poses[edge][self.configuration];
+                0.5 * pose_prior(&Pose::identity(), twist, &stop.sigma).0.norm_squared()
+            })
+            .sum()
     }
 
     /// Factorises the damped local block and solves its lower half; false if it is not positive definite.
@@ -304,22 +345,35 @@ impl LocalUnit {
         }
     }
 
-    /// `H_sl H_ll^+ H_ls` without damping. The pseudo-inverse takes nothing away for a direction of a moving target that was not seen.
-    pub(super) fn marginal(&self) -> DMatrix<f64> {
+    /// What eliminating the local unknowns takes from the shared ones, without damping: `H_sl H_ll^+ H_ls` and `H_sl H_ll^+ g_l`. The pseudo-inverse
+    /// takes nothing away for a direction of a moving target that was not seen.
+    pub(super) fn marginal(&self) -> (DMatrix<f64>, DVector<f64>) {
         let (local, shared) = (self.local_count(), self.shared.len());
-        let size = local + shared + 1;
-        let across = DMatrix::from_fn(local, shared, |i, j| self.rows[i * size + local + j]);
+        let across = DMatrix::from_fn(local, shared, |i, j| self.rows[i * (local + shared + 1) + local + j]);
+        let taken = across.transpose() * self.gain();
+        (taken.columns(0, shared).into_owned(), taken.column(shared).into_owned())
+    }
+
+    /// `H_ll^+ [H_ls, g_l]`: how the local unknowns follow the shared ones, with the sign turned.
+    pub(super) fn gain(&self) -> DMatrix<f64> {
+        let (local, shared) = (self.local_count(), self.shared.len());
+        let right = DMatrix::from_fn(local, shared + 1, |i, j| self.rows[i * (local + shared + 1) + local + j]);
+        self.local_covariance() * right
+    }
+
+    /// `H_ll^+`: the covariance of the local unknowns if the shared ones were known.
+    pub(super) fn local_covariance(&self) -> DMatrix<f64> {
+        let (local, size) = (self.local_count(), self.local_count() + self.shared.len() + 1);
         // Millimetres and milliradians are of like size, so that one tolerance fits both.
         let eigen = DMatrix::from_fn(local, local, |i, j| self.rows[i * size + j]).symmetric_eigen();
         let floor = eigen.eigenvalues.max() * 1e-12;
-        let mut block = DMatrix::zeros(shared, shared);
+        let mut inverse = DMatrix::zeros(local, local);
         for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
             if *value > floor {
-                let along = across.transpose() * vector;
-                block += &along * along.transpose() / *value;
+                inverse += vector * vector.transpose() / *value;
             }
         }
-        block
+        inverse
     }
 
     /// The shared columns that the unit touches.

@@ -25,12 +25,13 @@ mod plan;
 mod prior;
 mod robots;
 mod state;
+pub mod terms;
 mod unknowns;
 
 pub use assemble::{Assembler, Normal};
 pub use loss::Loss;
 pub use minimise::{Options, Report, Seconds, Termination, minimise};
-pub use plan::{Block, Contact, Group, GroupKind, Measurements, Plan, PlanError};
+pub use plan::{Block, Contact, Group, GroupKind, Measurements, Plan, PlanError, Stop};
 pub use prior::Priors;
 pub use state::State;
 pub use unknowns::{Unknown, UnknownKind, Unknowns};

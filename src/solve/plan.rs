@@ -10,7 +10,7 @@ use thiserror::Error;
 use super::unknowns::Unknowns;
 use crate::frames::{FrameId, FrameTree, Freedom, Path, Step};
 use crate::geometry::Pose;
-use crate::layout::{Layout, SolveSettings};
+use crate::layout::{Layout, PoseSigma, SolveSettings};
 use crate::recording::Recording;
 
 /// A step of a path with the places of its unknowns among the path's own columns.
@@ -67,6 +67,16 @@ pub struct Segment {
     pub from: usize,
     /// Nearer the flange.
     pub to: usize,
+}
+
+/// A robot that does not stop quite where its log says: a small twist of its flange at each configuration, treated like a moving edge with a belief
+/// about it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stop {
+    /// The robot's place in the layout.
+    pub robot: usize,
+    /// Standard deviations of the twist.
+    pub sigma: PoseSigma,
 }
 
 /// Two points at a known distance.
@@ -152,6 +162,10 @@ pub struct Plan {
     pub measurements: Measurements,
     /// The shared unknowns.
     pub unknowns: Unknowns,
+    /// Moving edges of the frame tree; those of [`Plan::stops`] are counted on from there.
+    pub moving_edges: usize,
+    /// Robots that stop inexactly.
+    pub stops: Vec<Stop>,
     /// Robot segments that paths walk.
     pub segments: Vec<Segment>,
     /// The layout's `solve` section.
@@ -222,6 +236,8 @@ impl Plan {
             groups: Vec::new(),
             measurements: Measurements::default(),
             unknowns,
+            moving_edges: tree.moving_edges.len(),
+            stops: stops(layout),
             segments: Vec::new(),
             settings: layout.solve,
         };
@@ -288,6 +304,12 @@ impl Plan {
         }
     }
 
+    /// A path ready for [`super::Assembler::along`]; robot segments that no measurement walks are added to the plan.
+    pub fn path(&mut self, tree: &FrameTree, from: FrameId, to: FrameId) -> CompiledPath {
+        let mut known = self.segments.iter().enumerate().map(|(place, segment)| (*segment, place)).collect();
+        self.compile(tree, &tree.path(from, to), &mut known)
+    }
+
     fn compile(&mut self, tree: &FrameTree, path: &Path, known: &mut HashMap<Segment, usize>) -> CompiledPath {
         let (mut shared, mut moving, mut columns) = (Vec::new(), Vec::new(), 0);
         let mut take = |unknowns: &Unknowns, block: Option<usize>| {
@@ -297,16 +319,15 @@ impl Plan {
             columns += block.count();
             Some(place)
         };
-        let mut steps: Vec<CompiledStep> = path
-            .steps
-            .iter()
-            .map(|step| match *step {
+        let mut steps: Vec<CompiledStep> = Vec::with_capacity(path.steps.len());
+        for step in &path.steps {
+            match *step {
                 Step::Static { edge, inverse } => {
                     let column = take(&self.unknowns, self.unknowns.edge(edge));
                     debug_assert!(column.is_none() || tree.static_edges[edge].freedom != Freedom::Fixed);
-                    CompiledStep::Static { edge, inverse, column }
+                    steps.push(CompiledStep::Static { edge, inverse, column });
                 }
-                Step::Moving { edge, inverse } => CompiledStep::Moving { edge, inverse, column: 0 },
+                Step::Moving { edge, inverse } => steps.push(CompiledStep::Moving { edge, inverse, column: 0 }),
                 Step::Robot { robot, from, to, inverse } => {
                     let column = take(&self.unknowns, self.unknowns.links(robot));
                     let next = self.segments.len();
@@ -314,10 +335,16 @@ impl Plan {
                     if segment == next {
                         self.segments.push(Segment { robot, from, to });
                     }
-                    CompiledStep::Robot { segment, inverse, column }
+                    steps.push(CompiledStep::Robot { segment, inverse, column });
+                    // What moves is the flange, so a path that leaves the robot at a link before it knows nothing of it.
+                    let at_flange = to + 1 == tree.robots[robot].len();
+                    if let (true, Some(stop)) = (at_flange, self.stops.iter().position(|stop| stop.robot == robot)) {
+                        let twist = CompiledStep::Moving { edge: self.moving_edges + stop, inverse, column: 0 };
+                        steps.insert(steps.len() - usize::from(inverse), twist);
+                    }
                 }
-            })
-            .collect();
+            }
+        }
         for step in &mut steps {
             if let CompiledStep::Moving { edge, column, .. } = step {
                 *column = columns;
@@ -332,6 +359,12 @@ impl Plan {
     #[must_use]
     pub fn block_count(&self) -> usize {
         self.groups.iter().map(|group| group.blocks.len()).sum()
+    }
+
+    /// Moving edges and inexact stops together: how many poses a state has for each configuration.
+    #[must_use]
+    pub fn moving_count(&self) -> usize {
+        self.moving_edges + self.stops.len()
     }
 
     /// The number of scalar measurements that have not been rejected.
@@ -353,6 +386,15 @@ fn whitener(covariance: Option<[f64; 3]>, floor: f64) -> [f64; 3] {
     let l21 = suv / l11;
     let l22 = (svv - l21 * l21).max(1e-12).sqrt();
     [1.0 / l11, -l21 / (l11 * l22), 1.0 / l22]
+}
+
+/// The robots of a layout that stop inexactly.
+fn stops(layout: &Layout) -> Vec<Stop> {
+    let one = |(robot, described): (usize, &crate::layout::Robot)| {
+        let [translation, rotation] = described.repeatability?;
+        Some(Stop { robot, sigma: PoseSigma { translation: [translation; 3], rotation: [rotation; 3] } })
+    };
+    layout.robots.iter().enumerate().filter_map(one).collect()
 }
 
 fn check_motion(

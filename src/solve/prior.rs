@@ -94,7 +94,7 @@ impl Priors {
 }
 
 /// Whitened difference from the expected pose (translation in the parent's axes, rotation vector of `expected^-1 pose`) and its derivative.
-fn pose_prior(expected: &Pose, pose: &Pose, sigma: &PoseSigma) -> (Vector6<f64>, Matrix6<f64>) {
+pub(super) fn pose_prior(expected: &Pose, pose: &Pose, sigma: &PoseSigma) -> (Vector6<f64>, Matrix6<f64>) {
     let translation = pose.translation - expected.translation;
     let turn = rotation::log(&(expected.rotation.inverse() * pose.rotation));
     let (r, slope) = (pose.rotation_matrix(), rotation::right_jacobian_inverse(&turn));

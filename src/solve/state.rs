@@ -8,7 +8,7 @@ use crate::geometry::lens::MAX_PARAMETERS;
 pub struct State {
     /// `parent_from_child` of each static edge.
     pub static_poses: Vec<Pose>,
-    /// `parent_from_child` of each moving edge at each configuration of the plan.
+    /// `parent_from_child` of each moving edge at each configuration of the plan; after them, for each robot that stops inexactly, `flange_from_real_flange`.
     pub moving_poses: Vec<Vec<Pose>>,
     /// Link corrections of each robot; empty for a robot that is not identified.
     pub corrections: Vec<Vec<f64>>,

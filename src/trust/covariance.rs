@@ -1,11 +1,13 @@
-//! Standard deviations from the information matrix, and the directions it leaves open.
+//! Standard deviations, and the directions that are left open.
 //!
 //! The matrix is scaled to physical units first (1 mm, 1 mrad, what moves an edge pixel by 1 px), so that its eigenvalues can be
 //! read: the standard deviation along an eigenvector is one over the root of its eigenvalue, in those units.
 
-use nalgebra::{DMatrix, Matrix3, Matrix6};
+use nalgebra::DMatrix;
 
+use super::sandwich::{Sandwich, sandwich};
 use crate::frames::{FrameTree, Freedom};
+use crate::solve::terms::Terms;
 use crate::solve::{Plan, State, Unknown, UnknownKind};
 
 /// A direction counts as undetermined when its standard deviation exceeds this many units (50 mm, 50 mrad, 50 px): no measurement of a cell is that bad.
@@ -13,11 +15,24 @@ pub const UNDETERMINED: f64 = 50.0;
 /// A component that carries more than this share of an undetermined direction is undetermined itself.
 const SHARE: f64 = 0.01;
 
+/// Where a standard deviation comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Source {
+    /// The information matrix with the fitted noise: right where all errors are independent.
+    Information,
+    /// The cluster-robust sandwich: right also where the errors of a configuration, or of a corner that never moves, have something in common.
+    Clusters,
+    /// The one to use: the information's, or where the clusters show that errors have something in common ([`Sandwich::shown`]) the larger of both.
+    Both,
+}
+
 /// The uncertainty of the shared unknowns.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Covariance {
-    /// In units, of the determined part; `n x n`.
+    /// From the information matrix, in units, of the determined part; `n x n`.
     pub matrix: DMatrix<f64>,
+    /// The cluster-robust one beside it.
+    pub clusters: Sandwich,
     /// The undetermined directions: eigenvectors in units (columns), weakest first.
     pub open: Vec<Vec<f64>>,
     /// The standard deviation along each of them, in units; infinite if there is no information at all.
@@ -27,11 +42,23 @@ pub struct Covariance {
     units: Vec<f64>,
 }
 
-/// The covariance from the reduced information of the measurements and that of the priors (row-major, natural units). The measurements' is scaled
+/// The covariance from the terms of the measurements and the information of the priors (row-major, natural units). The measurements' is scaled
 /// by the fitted `noise`, the priors' is not. Directions are judged by the fitted noise or the layout's own, whichever is larger, so
 /// that perfect data does not hide an open one.
 #[must_use]
-pub fn covariance(plan: &Plan, measured: &[f64], believed: &[f64], noise: f64) -> Covariance {
+pub fn covariance(plan: &Plan, terms: &Terms, believed: &[f64], noise: f64) -> Covariance {
+    let n = plan.unknowns.count;
+    let mut result = from_information(plan, &terms.information(n), believed, noise);
+    // Where nothing at all is known the gradients may not even be numbers.
+    result.clusters = if result.open.len() < n {
+        sandwich(&result, terms, believed)
+    } else {
+        Sandwich { matrix: result.matrix.clone(), shown: result.matrix.clone(), ..Sandwich::default() }
+    };
+    result
+}
+
+fn from_information(plan: &Plan, measured: &[f64], believed: &[f64], noise: f64) -> Covariance {
     let n = plan.unknowns.count;
     let units = plan.unknowns.units();
     let scaled = |noise: f64| {
@@ -79,42 +106,52 @@ pub fn covariance(plan: &Plan, measured: &[f64], believed: &[f64], noise: f64) -
 }
 
 impl Covariance {
+    /// One unit of each column in natural units.
+    #[must_use]
+    pub fn units(&self) -> &[f64] {
+        &self.units
+    }
+
     /// Standard deviations of a pose in its parent's axes: translation (m), then rotation vector (rad); `None` where undetermined.
     #[must_use]
-    pub fn pose_sigma(&self, tree: &FrameTree, state: &State, block: &Unknown) -> [Option<f64>; 6] {
+    pub fn pose_sigma(&self, tree: &FrameTree, state: &State, block: &Unknown, source: Source) -> [Option<f64>; 6] {
         let UnknownKind::Edge(edge) = block.kind else { return [None; 6] };
         let r = state.static_poses[edge].rotation_matrix();
-        if tree.static_edges[edge].freedom == Freedom::Translation {
-            let turn = |m: Matrix3<f64>| (r * m * r.transpose()).diagonal();
-            let (sigma, open) = (turn(self.block3(block.start)), turn(self.open3(block.start)));
-            let value = |i: usize| (open[i] <= SHARE).then(|| sigma[i].max(0.0).sqrt() * 1e-3);
-            return [value(0), value(1), value(2), Some(0.0), Some(0.0), Some(0.0)];
-        }
-        let mut turn = Matrix6::zeros();
-        turn.fixed_view_mut::<3, 3>(0, 0).copy_from(&r);
-        turn.fixed_view_mut::<3, 3>(3, 3).copy_from(&r);
-        let rotated = |m: Matrix6<f64>| (turn * m * turn.transpose()).diagonal();
-        let sigma = rotated(self.matrix.fixed_view::<6, 6>(block.start, block.start).into_owned());
-        let open = rotated(self.open_block::<6>(block.start));
-        std::array::from_fn(|i| (open[i] <= SHARE).then(|| sigma[i].max(0.0).sqrt() * 1e-3))
+        let rotated = |m: &DMatrix<f64>| -> [f64; 6] {
+            let turned = |at: usize| (r * m.fixed_view::<3, 3>(at, at) * r.transpose()).diagonal();
+            let translation = turned(block.start);
+            if tree.static_edges[edge].freedom == Freedom::Translation {
+                return [translation.x, translation.y, translation.z, 0.0, 0.0, 0.0];
+            }
+            let rotation = turned(block.start + 3);
+            [translation.x, translation.y, translation.z, rotation.x, rotation.y, rotation.z]
+        };
+        let open = rotated(&self.open_matrix());
+        let variances = self.variances(source).map(&rotated);
+        let larger = |i: usize| variances.iter().fold(0.0, |most: f64, v| most.max(v[i]));
+        std::array::from_fn(|i| (open[i] <= SHARE).then(|| larger(i).sqrt() * 1e-3))
     }
 
     /// Standard deviation of one column in natural units; `None` if it is undetermined.
     #[must_use]
-    pub fn column_sigma(&self, column: usize) -> Option<f64> {
+    pub fn column_sigma(&self, column: usize, source: Source) -> Option<f64> {
         let open: f64 = self.open.iter().map(|v| v[column] * v[column]).sum();
-        (open <= SHARE).then(|| self.matrix[(column, column)].max(0.0).sqrt() * self.units[column])
+        let variances = self.variances(source).map(|matrix| matrix[(column, column)]);
+        (open <= SHARE).then(|| variances.into_iter().fold(0.0, f64::max).sqrt() * self.units[column])
     }
 
-    fn block3(&self, start: usize) -> Matrix3<f64> {
-        self.matrix.fixed_view::<3, 3>(start, start).into_owned()
+    /// The matrices whose larger variance counts.
+    fn variances(&self, source: Source) -> [&DMatrix<f64>; 2] {
+        match source {
+            Source::Information => [&self.matrix; 2],
+            Source::Clusters => [&self.clusters.matrix; 2],
+            Source::Both => [&self.matrix, &self.clusters.shown],
+        }
     }
 
-    fn open3(&self, start: usize) -> Matrix3<f64> {
-        self.open_block::<3>(start)
-    }
-
-    fn open_block<const N: usize>(&self, start: usize) -> nalgebra::SMatrix<f64, N, N> {
-        nalgebra::SMatrix::from_fn(|i, j| self.open.iter().map(|v| v[start + i] * v[start + j]).sum())
+    /// The projection onto the undetermined directions.
+    fn open_matrix(&self) -> DMatrix<f64> {
+        let n = self.matrix.ncols();
+        DMatrix::from_fn(n, n, |i, j| self.open.iter().map(|v| v[i] * v[j]).sum())
     }
 }

@@ -5,11 +5,16 @@ use std::collections::BTreeMap;
 use super::residuals::Residuals;
 use crate::layout::Layout;
 use crate::recording::Recording;
-use crate::solve::Plan;
+use crate::solve::{GroupKind, Plan};
 
 /// A residual this many times the bulk's scale is set aside. Of a two-dimensional Gaussian four in a million lie beyond; what real cells show there is
 /// wrong ids, dragged corners and shifted logs.
 const TIMES: f64 = 5.0;
+/// Corners of one path may scatter up to this many times more than all corners do before it is called wrong: where a robot does not stop exactly, what is seen
+/// across it scatters more than what stands still, and to cut off its larger errors would hide how inexact it is.
+const WIDER: f64 = 4.0;
+/// Fewer corners than this say nothing about a scale of their own.
+const FEW: usize = 40;
 
 /// How many of each kind have been set aside.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -90,10 +95,16 @@ pub fn reject(plan: &mut Plan, residuals: &Residuals) -> Rejected {
     };
     let seen: Vec<bool> = residuals.corners.iter().map(Option::is_some).collect();
     let limit_px = limit(kept(&seen, corners), MEDIANS[1]);
-    for (whitener, s) in m.corner_whiteners.iter_mut().zip(corners) {
-        if whitener[0] != 0.0 && *s > limit_px {
-            *whitener = [0.0; 3];
-            found.corners += 1;
+    for group in plan.groups.iter().filter(|group| matches!(group.kind, GroupKind::Corners { .. })) {
+        let indices = || group.blocks.iter().flat_map(|block| block.start..block.end);
+        let own: Vec<f64> = indices().filter(|i| seen[*i]).map(|i| corners[i]).collect();
+        let own = if own.len() < FEW { limit_px } else { limit(own, MEDIANS[1]) };
+        let most = own.clamp(limit_px, WIDER * WIDER * limit_px);
+        for i in indices() {
+            if m.corner_whiteners[i][0] != 0.0 && corners[i] > most {
+                m.corner_whiteners[i] = [0.0; 3];
+                found.corners += 1;
+            }
         }
     }
     // Translation and rotation are judged apart; a pose that fails one is set aside whole.

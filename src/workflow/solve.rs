@@ -10,7 +10,7 @@ use crate::geometry::Pose;
 use crate::initialise::{Start, initialise};
 use crate::layout::{Layout, LossSetting, Motion, read_layout};
 use crate::recording::Recording;
-use crate::solve::{Assembler, Loss, Normal, Options, Plan, PlanError, Priors, Report, State, minimise};
+use crate::solve::{Assembler, Loss, Options, Plan, PlanError, Priors, Report, State, minimise};
 use crate::trust::outliers::{Rejected, Tally, reject, reject_unseen, tally};
 use crate::trust::{Covariance, Evidence, Residuals, Undetermined, covariance, explain, residuals};
 
@@ -219,18 +219,16 @@ pub fn solve_recording(
     // Linearised without the priors, whose weight is no matter of how noisy the measurements are.
     let mut measuring = Assembler::new(&layout, recording, &plan, Priors::default());
     measuring.set_loss(Loss::Squared);
-    let mut normal = Normal::default();
-    measuring.linearise(&state, &mut normal);
-    let measured = measuring.information(&normal);
+    let terms = measuring.terms(&state);
     let moved = measuring.moved();
     drop(measuring);
     let unknowns = plan.unknowns.count + 6 * moved.iter().map(Vec::len).sum::<usize>();
     let scalars = plan.scalar_count();
     let observations = scalars + prior_count;
     let freedom = scalars.saturating_sub(unknowns.saturating_sub(prior_count));
-    let noise = if freedom == 0 { 1.0 } else { (residuals.weighted_sum / freedom as f64).sqrt() };
+    let noise = if freedom == 0 { 1.0 } else { ((residuals.weighted_sum + terms.stops) / freedom as f64).sqrt() };
     let believed = priors.information(plan.unknowns.count, &state);
-    let covariance = covariance(&plan, &measured, &believed, noise);
+    let covariance = covariance(&plan, &terms, &believed, noise);
     let evidence = Evidence { layout: &layout, tree: &tree, recording, plan: &plan, state: &state, poses: &poses };
     let (undetermined, weak) = explain(&evidence, &covariance, &unseen);
     let tallies = tally(&layout, recording, &plan, &residuals);
