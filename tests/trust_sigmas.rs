@@ -195,7 +195,8 @@ fn both_kinds_of_sigma_stand_side_by_side_in_the_solution() {
     let focal = &json["solution"]["parameters"]["left lens"]["fx"];
     assert!(focal["information_sigma"].as_f64().unwrap() > 0.0 && focal["clusters_sigma"].as_f64().unwrap() > 0.0);
     let shared = &json["solution"]["fit"]["shared_errors"]["by_configuration"];
-    assert_eq!((shared["groups"].as_u64(), shared["shown"].as_bool()), (Some(20), Some(false)));
+    // Configurations at which nothing was seen that a robot moves have nothing to say.
+    assert!((5..=20).contains(&shared["groups"].as_u64().unwrap()) && shared["shown"] == false, "{shared}");
     // A column's sigma is the root of the matrix's diagonal.
     let matrix: &DMatrix<f64> = &solved.covariance.matrix;
     let column = solved.plan.unknowns.count - 1;

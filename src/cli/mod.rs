@@ -17,6 +17,7 @@ mod report;
 mod schema;
 mod simulate;
 mod solve;
+mod validate;
 
 use clap::{Args, Parser, Subcommand};
 use std::path::PathBuf;
@@ -51,6 +52,8 @@ enum Command {
     Detect(detect::Detect),
     /// Find where everything is
     Solve(solve::Solve),
+    /// Judge an answer by what it was not fitted to
+    Validate(validate::Validate),
     /// The published method: base and tool of a robot from points
     Identify(identify::Identify),
     /// Compare the poses of two layouts, or of a solution with a truth
@@ -104,6 +107,7 @@ pub fn run() -> ExitCode {
         Command::Simulate(command) => (command.common.json, command.run()),
         Command::Detect(command) => (command.common.json, command.run()),
         Command::Solve(command) => (command.common.json, command.run()),
+        Command::Validate(command) => (command.common.json, command.run()),
         Command::Identify(command) => (command.common.json, command.run()),
         Command::Compare(command) => (command.json, command.run()),
         Command::Report(command) => (command.common.json, command.run()),

@@ -8,12 +8,17 @@ use super::findings::show_findings;
 use super::output::{print_json, print_table, say, shown};
 use super::{LayoutArguments, NOT_TRUSTWORTHY, use_threads};
 use cellmap::complaint::{Complaint, InputError};
-use cellmap::export::{Document, findings, solution};
+use cellmap::export::{Document, covariance, findings, solution};
+use cellmap::geometry::rotation;
+use cellmap::recording::{Recording, atomic};
 use cellmap::report::report_solved;
+use cellmap::workflow::between::{Between, between};
 use cellmap::workflow::solve::{SolveRequest, Solved, solve};
 
 #[derive(Args, Debug)]
-#[command(after_help = "Example:\n  cellmap solve layout.yaml --report report.html")]
+#[command(
+    after_help = "Example:\n  cellmap solve layout.yaml --report report.html\n  cellmap solve layout.yaml --between left arm.base"
+)]
 pub(super) struct Solve {
     #[command(flatten)]
     pub(super) common: LayoutArguments,
@@ -26,6 +31,15 @@ pub(super) struct Solve {
     /// Start from the poses of this layout or solution
     #[arg(long, value_name = "FILE")]
     start: Option<PathBuf>,
+    /// Also give the pose of B in A with its uncertainty; may be repeated
+    #[arg(long, num_args = 2, value_names = ["A", "B"])]
+    between: Vec<String>,
+    /// The configuration for `--between` where something moves [default: the first]
+    #[arg(long, value_name = "N", requires = "between")]
+    at: Option<u64>,
+    /// Also write the full covariance of everything found (JSON)
+    #[arg(long, value_name = "FILE")]
+    covariance: Option<PathBuf>,
     /// Also write a report with figures (HTML)
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
@@ -44,14 +58,30 @@ impl Solve {
         solution::write(&out, &solved).map_err(|e| {
             Complaint::of(&out, format!("the file cannot be written: {e}"), "say where else with `--out FILE`")
         })?;
+        let between = self.between(&solved)?;
+        if let Some(file) = &self.covariance {
+            let text = covariance::document(&solved).to_json();
+            let written = text.and_then(|text| atomic::write(file, |out| writeln!(out, "{text}")));
+            written.map_err(|e| {
+                Complaint::of(
+                    file,
+                    format!("the file cannot be written: {e}"),
+                    "say where else with `--covariance FILE`",
+                )
+            })?;
+        }
         if let Some(report) = &self.report {
             super::report::put(report, &report_solved(&solved, &request)?)?;
         }
         if self.common.json {
-            print_json(&as_json(&solved));
+            print_json(&as_json(&solved, &between));
         } else {
             show(&solved);
+            between.iter().for_each(show_between);
             say!("wrote {} and the same as JSON", shown(&out));
+            if let Some(file) = &self.covariance {
+                say!("wrote {}: both covariances of everything found", shown(file));
+            }
             if let Some(report) = &self.report {
                 say!("wrote {}: open it in a browser", shown(report));
             }
@@ -60,7 +90,54 @@ impl Solve {
     }
 }
 
-fn as_json(solved: &Solved) -> Document {
+impl Solve {
+    /// The pairs of frames asked for; the recording is read again only if there are any.
+    fn between(&self, solved: &Solved) -> Result<Vec<Between>, InputError> {
+        if self.between.is_empty() {
+            return Ok(Vec::new());
+        }
+        let recording = Recording::read(&solved.layout, self.detections.as_deref())?;
+        self.between.chunks_exact(2).map(|pair| between(solved, &recording, &pair[0], &pair[1], self.at)).collect()
+    }
+}
+
+fn between_json(one: &Between) -> Document {
+    let pose = &one.found.pose;
+    let turn = rotation::log(&pose.rotation).map(f64::to_degrees);
+    let sigma = |source: usize, part: usize| {
+        let scale = if part == 0 { 1e3 } else { 1f64.to_degrees() };
+        Document::known(&[0, 1, 2].map(|i| one.found.sigma[source][3 * part + i].map(|s| s * scale)))
+    };
+    let covariance = |m: &nalgebra::DMatrix<f64>| {
+        Document::List(m.row_iter().map(|row| Document::numbers(&row.iter().copied().collect::<Vec<f64>>())).collect())
+    };
+    Document::map([
+        ("from", Document::text(&one.from)),
+        ("to", Document::text(&one.to)),
+        ("configuration", one.configuration.map_or(Document::Null, Document::Whole)),
+        ("xyz_mm", Document::numbers((pose.translation * 1e3).as_slice())),
+        ("rotvec_deg", Document::numbers(turn.as_slice())),
+        ("sigma_xyz_mm", sigma(2, 0)),
+        ("sigma_rotvec_deg", sigma(2, 1)),
+        ("information_sigma_xyz_mm", sigma(0, 0)),
+        ("information_sigma_rotvec_deg", sigma(0, 1)),
+        ("clusters_sigma_xyz_mm", sigma(1, 0)),
+        ("clusters_sigma_rotvec_deg", sigma(1, 1)),
+        ("information_covariance_m_rad", covariance(&one.found.information)),
+        ("clusters_covariance_m_rad", covariance(&one.found.clusters)),
+    ])
+}
+
+fn show_between(one: &Between) {
+    let document = between_json(one);
+    let at = one.configuration.map_or(String::new(), |id| format!(" at configuration {id}"));
+    say!("{}_from_{}{at}:", one.from, one.to);
+    say!("  x y z {} mm, 1 sigma {}", numbers(&document, "xyz_mm", 3), numbers(&document, "sigma_xyz_mm", 3));
+    let (turn, sigma) = (numbers(&document, "rotvec_deg", 4), numbers(&document, "sigma_rotvec_deg", 4));
+    say!("  rotation vector {turn} deg, 1 sigma {sigma}");
+}
+
+fn as_json(solved: &Solved, between: &[Between]) -> Document {
     let s = &solved.seconds;
     let number = Document::Number;
     let mut entries = vec![("iterations".to_owned(), Document::Whole(solved.report.iterations as u64))];
@@ -83,6 +160,9 @@ fn as_json(solved: &Solved) -> Document {
     let parameters = findings::parameters(solved);
     if !parameters.is_empty() {
         entries.push(("parameters".to_owned(), Document::Map(parameters)));
+    }
+    if !between.is_empty() {
+        entries.push(("between".to_owned(), Document::List(between.iter().map(between_json).collect())));
     }
     Document::Map(entries)
 }

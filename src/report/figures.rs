@@ -4,9 +4,10 @@ use serde_json::{Value, json};
 use std::collections::BTreeMap;
 
 use super::ReportInput;
-use super::measured::Sight;
 use super::scene::{round, spread};
+use crate::export::covariance::column_names;
 use crate::geometry::{Pose, rotation};
+use crate::workflow::measured::Sight;
 
 /// Points of one figure at most: more would only be ink. The tables count all.
 const MOST_POINTS: usize = 2500;
@@ -208,7 +209,7 @@ fn correlation(input: &ReportInput<'_>) -> Value {
     if unknowns.count <= MOST_COLUMNS {
         let mut labels = Vec::new();
         for block in &unknowns.blocks {
-            labels.extend(component_names(input, block));
+            labels.extend(column_names(s, block));
         }
         let rows: Vec<Vec<Value>> =
             (0..unknowns.count).map(|i| (0..unknowns.count).map(|j| round(between(i, j), 3)).collect()).collect();
@@ -225,26 +226,4 @@ fn correlation(input: &ReportInput<'_>) -> Value {
         blocks.iter().map(|a| blocks.iter().map(|b| round(strongest(a, b), 3)).collect()).collect();
     let labels: Vec<&str> = blocks.iter().map(|block| block.name.as_str()).collect();
     json!({"labels": labels, "values": rows, "whole": false})
-}
-
-fn component_names(input: &ReportInput<'_>, block: &crate::solve::Unknown) -> Vec<String> {
-    use crate::solve::UnknownKind;
-    let short: Vec<String> = match &block.kind {
-        UnknownKind::Edge(_) => ["x", "y", "z", "rx", "ry", "rz"].iter().map(|s| (*s).to_owned()).collect(),
-        UnknownKind::Lens { camera, places } => {
-            let model = input.solved.layout.cameras[*camera].intrinsics.as_ref().map(|lens| lens.model());
-            places
-                .iter()
-                .map(|place| model.map_or(String::new(), |model| model.parameter_name(*place).to_owned()))
-                .collect()
-        }
-        UnknownKind::Links { places, .. } => places
-            .iter()
-            .map(|place| {
-                let per = crate::robot::PARAMETERS_PER_LINK;
-                format!("joint{} {}", place / per + 1, crate::robot::ParameterKind::ALL[place % per].name())
-            })
-            .collect(),
-    };
-    short.into_iter().take(block.count()).map(|part| format!("{} {part}", block.name)).collect()
 }

@@ -6,8 +6,6 @@
 //!
 //! | file | what |
 //! |---|---|
-//! | [`place`] | where every frame is at every configuration |
-//! | [`measured`] | what each picture says of each target, against the solution |
 //! | [`scene`] | the cell in three dimensions |
 //! | [`figures`] | paths, clouds, boxes, residuals, correlations |
 //! | [`tables`] | everything in words and tables |
@@ -16,10 +14,8 @@
 
 mod carried;
 mod figures;
-mod measured;
 mod page;
 mod pictures;
-mod place;
 mod scene;
 mod tables;
 

@@ -4,11 +4,11 @@ use serde_json::json;
 
 use super::ReportInput;
 use super::figures::figures;
-use super::measured::sights;
 use super::pictures;
-use super::place::Places;
 use super::scene::scene;
 use super::tables::{self, escape};
+use crate::workflow::measured::sights;
+use crate::workflow::place::Places;
 
 const STYLE: &str = include_str!("report.css");
 const SCRIPT: &str = include_str!("report.js");

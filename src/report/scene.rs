@@ -4,11 +4,11 @@ use nalgebra::{Matrix3, Vector2, Vector3};
 use serde_json::{Value, json};
 
 use super::ReportInput;
-use super::place::Places;
 use crate::frames::{Edge, FrameId};
 use crate::geometry::target::tag_corners;
 use crate::geometry::{Intrinsics, Pose, TargetGeometry};
 use crate::solve::UnknownKind;
+use crate::workflow::place::Places;
 
 /// Configurations that the slider offers at most, spread evenly.
 const MOST_STOPS: usize = 120;

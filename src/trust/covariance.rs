@@ -112,6 +112,28 @@ impl Covariance {
         &self.units
     }
 
+    /// The covariances of a linear function of the unknowns, `jacobian * unknowns` in natural units: from the information, from the clusters, and where only
+    /// errors that are shown to be shared count as such.
+    #[must_use]
+    pub fn of(&self, jacobian: &DMatrix<f64>) -> [DMatrix<f64>; 3] {
+        let scaled = self.scaled(jacobian);
+        [&self.matrix, &self.clusters.matrix, &self.clusters.shown].map(|matrix| &scaled * matrix * scaled.transpose())
+    }
+
+    /// Of which rows of a linear function less than `share` lies along undetermined directions.
+    #[must_use]
+    pub fn determined(&self, jacobian: &DMatrix<f64>, share: f64) -> Vec<bool> {
+        let scaled = self.scaled(jacobian);
+        let along =
+            |row: usize, v: &[f64]| v.iter().enumerate().map(|(j, x)| scaled[(row, j)] * x).sum::<f64>().powi(2);
+        let open = |row: usize| self.open.iter().map(|v| along(row, v)).sum::<f64>();
+        (0..scaled.nrows()).map(|row| open(row) <= share * scaled.row(row).norm_squared()).collect()
+    }
+
+    fn scaled(&self, jacobian: &DMatrix<f64>) -> DMatrix<f64> {
+        DMatrix::from_fn(jacobian.nrows(), jacobian.ncols(), |i, j| jacobian[(i, j)] * self.units[j])
+    }
+
     /// Standard deviations of a pose in its parent's axes: translation (m), then rotation vector (rad); `None` where undetermined.
     #[must_use]
     pub fn pose_sigma(&self, tree: &FrameTree, state: &State, block: &Unknown, source: Source) -> [Option<f64>; 6] {

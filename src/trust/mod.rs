@@ -1,5 +1,6 @@
 //! How far an answer can be trusted: residuals, standard deviations, and the directions that nothing determines.
 
+pub mod between;
 pub mod covariance;
 pub mod outliers;
 pub mod residuals;

@@ -2,13 +2,18 @@
 //!
 //! Programs that use the library start here; the binary does nothing else than call these and show what they return.
 
+pub mod between;
 pub mod check;
 pub mod compare;
 pub mod demo;
 pub mod detect;
 pub mod identify;
 mod localise;
+pub(crate) mod measured;
 pub mod new;
+pub(crate) mod place;
 pub mod published;
 pub mod simulate;
 pub mod solve;
+pub mod solved_layout;
+pub mod validate;

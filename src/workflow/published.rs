@@ -2,9 +2,10 @@
 //! parameters follow from the positions alone.
 
 use nalgebra::{Vector2, Vector3};
+use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-use crate::geometry::{Feature, Pose};
+use crate::geometry::{Feature, Pose, TargetGeometry};
 use crate::identify::{FreeIdentification, Sample, free};
 use crate::initialise::poses_from_points;
 use crate::layout::Layout;
@@ -23,6 +24,50 @@ pub fn published(
     world: usize,
     tool: usize,
 ) -> Option<FreeIdentification> {
+    let samples = samples(layout, recording, robot, world, tool);
+    free(&samples.into_iter().map(|(_, sample)| sample).collect::<Vec<_>>())
+}
+
+/// The two boards that the published method looks at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Boards {
+    /// The robot.
+    pub robot: usize,
+    /// The target that stands still and whose frame is the method's world.
+    pub world: usize,
+    /// The target on the robot's flange.
+    pub tool: usize,
+}
+
+/// The boards of a layout to which the method applies: one on the flange of its first robot that carries one, one that stands still (the world itself
+/// if it is a board), each with enough corners for a pose from one picture.
+#[must_use]
+pub fn boards(layout: &Layout) -> Option<Boards> {
+    let enough = |target: &crate::layout::Target| match &target.geometry {
+        TargetGeometry::Tags(faces) => {
+            faces.iter().filter(|f| f.target_from_tag.is_some()).count() * 4 >= FEWEST_CORNERS
+        }
+        TargetGeometry::Board { columns, rows, .. } => columns * rows >= FEWEST_CORNERS,
+        TargetGeometry::Points(_) | TargetGeometry::None => false,
+    };
+    let on = |parent: &str| {
+        let mut carried =
+            layout.targets.iter().enumerate().filter(|(_, t)| !t.moves && t.mount.parent == parent && enough(t));
+        let found = carried.clone().find(|(_, t)| t.name == layout.world).or_else(|| carried.next());
+        found.map(|(target, _)| target)
+    };
+    let world = on("world").or_else(|| on(&layout.world))?;
+    let (robot, tool) = layout
+        .robots
+        .iter()
+        .enumerate()
+        .find_map(|(robot, described)| Some((robot, on(&format!("{}.flange", described.name))?)))?;
+    Some(Boards { robot, world, tool })
+}
+
+/// The method's measurements with their configurations: the tool board's place on the world board wherever one picture of a camera shows both.
+#[must_use]
+pub fn samples(layout: &Layout, recording: &Recording, robot: usize, world: usize, tool: usize) -> Vec<(u64, Sample)> {
     let mut pictures: BTreeMap<(usize, u64, u64), Vec<&CornerRow>> = BTreeMap::new();
     for row in &recording.corners {
         pictures.entry((row.camera, row.configuration, row.shot)).or_default().push(row);
@@ -32,10 +77,9 @@ pub fn published(
         let camera_from_tool = board(layout, *camera, tool, rows)?;
         let world_point = camera_from_world.inverse() * camera_from_tool.translation;
         let base_from_flange = recording.base_from_flange(layout, robot, *configuration)?;
-        Some(Sample { base_from_flange, world_point })
+        Some((*configuration, Sample { base_from_flange, world_point }))
     };
-    let samples: Vec<Sample> = pictures.iter().filter_map(sample).collect();
-    free(&samples)
+    pictures.par_iter().map(sample).collect::<Vec<_>>().into_iter().flatten().collect()
 }
 
 /// `camera_from_target` from one picture.

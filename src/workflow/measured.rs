@@ -15,23 +15,23 @@ use crate::solve::{Assembler, GroupKind, Priors};
 
 /// One target in one picture, or one measured point.
 #[derive(Clone, Debug)]
-pub(super) struct Sight {
+pub(crate) struct Sight {
     /// The camera or sensor.
-    pub(super) by: FrameId,
+    pub(crate) by: FrameId,
     /// The target, tag or point.
-    pub(super) of: FrameId,
+    pub(crate) of: FrameId,
     /// Index into the plan's configurations.
-    pub(super) configuration: usize,
+    pub(crate) configuration: usize,
     /// `world_from_target` as this picture sees it.
-    pub(super) measured: Pose,
+    pub(crate) measured: Pose,
     /// `world_from_target` as the solution has it.
-    pub(super) computed: Pose,
+    pub(crate) computed: Pose,
     /// Whether the rotation was measured too.
-    pub(super) turned: bool,
+    pub(crate) turned: bool,
 }
 
 /// Everything that was accepted, in the order of the plan.
-pub(super) fn sights(places: &Places<'_>) -> Vec<Sight> {
+pub(crate) fn sights(places: &Places<'_>) -> Vec<Sight> {
     let s = places.solved;
     let mut assembler = Assembler::new(&s.layout, places.recording, &s.plan, Priors::default());
     let poses = assembler.block_poses(&s.state);

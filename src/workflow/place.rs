@@ -8,14 +8,14 @@ use crate::workflow::solve::Solved;
 
 /// Asks a solved cell where things are.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Places<'a> {
-    pub(super) solved: &'a Solved,
-    pub(super) recording: &'a Recording,
+pub(crate) struct Places<'a> {
+    pub(crate) solved: &'a Solved,
+    pub(crate) recording: &'a Recording,
 }
 
 impl Places<'_> {
     /// `from_from_to` at a configuration (index into the plan's); none where something on the way was not recorded or not found.
-    pub(super) fn between(&self, from: FrameId, to: FrameId, configuration: usize) -> Option<Pose> {
+    pub(crate) fn between(&self, from: FrameId, to: FrameId, configuration: usize) -> Option<Pose> {
         let s = self.solved;
         s.tree.path(from, to).steps.iter().try_fold(Pose::identity(), |pose, step| {
             let (value, inverse) = match *step {
@@ -33,12 +33,12 @@ impl Places<'_> {
     }
 
     /// `world_from_frame` at a configuration.
-    pub(super) fn world_from(&self, frame: FrameId, configuration: usize) -> Option<Pose> {
+    pub(crate) fn world_from(&self, frame: FrameId, configuration: usize) -> Option<Pose> {
         self.between(0, frame, configuration)
     }
 
     /// Whether a frame never moves.
-    pub(super) fn stands(&self, frame: FrameId) -> bool {
+    pub(crate) fn stands(&self, frame: FrameId) -> bool {
         self.solved.tree.path(0, frame).is_static()
     }
 
