@@ -227,8 +227,10 @@ impl<'a> Validation<'a> {
         if count < 2 {
             return Vec::new();
         }
-        let places = Places { solved: self.whole, recording: &self.recording };
-        let fitted = sights(&places);
+        // Judged anew, since the rows of the whole fit count what was set aside.
+        let judged = self.judge(self.whole, &self.recording);
+        let fitted =
+            judged.as_ref().map_or(Vec::new(), |solved| sights(&Places { solved, recording: &self.recording }));
         (0..count)
             .into_par_iter()
             .map(|camera| {
