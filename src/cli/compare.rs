@@ -4,7 +4,7 @@ use clap::Args;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use super::output::{print_json, print_table, say};
+use super::output::{print_json, print_table, say, say_wrapped};
 use cellmap::complaint::InputError;
 use cellmap::export::Document;
 use cellmap::layout::read_layout;
@@ -49,8 +49,12 @@ fn as_json(comparison: &Comparison) -> Document {
         ("missing", Document::Row(comparison.missing.iter().map(Document::text).collect())),
         ("worst_translation_mm", Document::Number(comparison.worst_translation() * 1e3)),
         ("worst_rotation_deg", Document::Number(comparison.worst_rotation().to_degrees())),
+        ("worst_sigmas", comparison.farthest().map_or(Document::Null, |(_, sigmas)| Document::Number(sigmas))),
     ])
 }
+
+/// A difference of more standard deviations than this is no chance.
+const BY_CHANCE: f64 = 4.0;
 
 /// Prints the differences as a table.
 pub(super) fn show(comparison: &Comparison) {
@@ -68,6 +72,14 @@ pub(super) fn show(comparison: &Comparison) {
         .collect();
     print_table(&["pose", "mm", "deg", "sigmas"], &rows);
     say!("worst: {:.4} mm, {:.5} deg", comparison.worst_translation() * 1e3, comparison.worst_rotation().to_degrees());
+    if let Some((key, sigmas)) = comparison.farthest() {
+        let verdict = if sigmas > BY_CHANCE {
+            "no chance: one of the two is wrong, or its sigma too small"
+        } else {
+            "as chance has it"
+        };
+        say_wrapped("farthest: ", 10, &format!("{key}, {sigmas:.1} standard deviations ({verdict})"));
+    }
     for key in &comparison.missing {
         say!("only in the first: {key}");
     }

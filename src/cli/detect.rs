@@ -4,6 +4,7 @@ use clap::Args;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use super::findings::show_faults;
 use super::output::{print_json, progress_bar, say, shown, stop_requested};
 use super::{LayoutArguments, NOT_TRUSTWORTHY, use_threads};
 use cellmap::complaint::InputError;
@@ -65,6 +66,8 @@ impl Detect {
         }
         if found.corners == 0 {
             eprintln!("warning: nothing was found: check the targets' dictionary and ids against what is printed");
+        }
+        if found.corners == 0 || !found.faults.is_empty() {
             return Ok(ExitCode::from(NOT_TRUSTWORTHY));
         }
         Ok(ExitCode::SUCCESS)
@@ -131,6 +134,7 @@ fn show(found: &Detected, out: &std::path::Path) {
     if found.failed.len() > NAMED_FAILURES {
         say!("skipped: {} more", found.failed.len() - NAMED_FAILURES);
     }
+    show_faults(&found.faults);
     say!("wrote {}", shown(out));
 }
 
@@ -152,5 +156,6 @@ fn as_json(found: &Detected) -> Document {
         ("pictures_per_second", Document::Number((found.pictures - found.resumed) as f64 / found.seconds.max(1e-9))),
         ("resumed", whole(found.resumed)),
         ("failed", Document::List(failed.collect())),
+        ("faults", cellmap::export::findings::faults(&found.faults)),
     ])
 }

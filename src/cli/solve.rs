@@ -142,8 +142,11 @@ fn as_json(solved: &Solved, between: &[Between]) -> Document {
     let number = Document::Number;
     let mut entries = vec![("iterations".to_owned(), Document::Whole(solved.report.iterations as u64))];
     entries.extend(findings::fit(solved));
+    entries.push(("faults".to_owned(), findings::faults(&solved.faults)));
     entries.push(("undetermined".to_owned(), findings::undetermined(solved)));
     entries.push(("weak".to_owned(), findings::weak(solved)));
+    entries.push(("remarks".to_owned(), findings::remarks(solved)));
+    entries.push(("scales".to_owned(), findings::scales(solved)));
     entries.push((
         "seconds".to_owned(),
         Document::map([
@@ -153,6 +156,7 @@ fn as_json(solved: &Solved, between: &[Between]) -> Document {
             ("factorise", number(s.factorise)),
             ("evaluate", number(s.evaluate)),
             ("covariance", number(s.covariance)),
+            ("diagnose", number(s.diagnose)),
             ("total", number(s.total)),
         ]),
     ));

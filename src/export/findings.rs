@@ -143,6 +143,57 @@ fn directions(all: &[crate::trust::Undetermined]) -> Document {
     Document::List(all.iter().map(one).collect())
 }
 
+/// Factors on distances, of all (`of` is null), a camera's or a target's, and on focal lengths.
+#[must_use]
+pub fn scales(solved: &Solved) -> Document {
+    let one = |scale: &crate::trust::Scale| {
+        Document::map([
+            (
+                "kind",
+                Document::text(match scale.kind {
+                    crate::trust::scale::ScaleKind::Distances => "distances",
+                    crate::trust::scale::ScaleKind::Focal => "focal",
+                }),
+            ),
+            ("of", scale.of.as_ref().map_or(Document::Null, Document::text)),
+            ("percent", Document::Number(100.0 * scale.excess)),
+            ("sigma_percent", Document::Number(100.0 * scale.sigma)),
+        ])
+    };
+    Document::List(solved.scales.iter().map(one).collect())
+}
+
+/// What residuals follow, and factors on distances that matter.
+#[must_use]
+pub fn remarks(solved: &Solved) -> Document {
+    let one = |remark: &crate::trust::Remark| {
+        Document::map([
+            ("kind", Document::text(remark.factor.name())),
+            ("what", Document::text(&remark.what)),
+            ("remedy", Document::text(&remark.remedy)),
+            ("size", Document::Number(remark.size)),
+            ("unit", Document::text(remark.unit)),
+            ("interval", remark.interval.map_or(Document::Null, Document::Number)),
+        ])
+    };
+    Document::List(solved.remarks.iter().map(one).collect())
+}
+
+/// What is wrong with a recording or its description.
+#[must_use]
+pub fn faults(faults: &[crate::trust::Fault]) -> Document {
+    let one = |fault: &crate::trust::Fault| {
+        Document::map([
+            ("kind", Document::text(fault.kind.name())),
+            ("what", Document::text(&fault.what)),
+            ("evidence", Document::text(&fault.evidence)),
+            ("remedy", Document::text(&fault.remedy)),
+            ("action", Document::text(fault.action.name())),
+        ])
+    };
+    Document::List(faults.iter().map(one).collect())
+}
+
 /// The quality of the fit.
 #[must_use]
 pub fn fit(solved: &Solved) -> Vec<(String, Document)> {

@@ -5,7 +5,7 @@
 
 use std::path::Path;
 
-use super::findings::{fit, parameters, poses, undetermined, weak};
+use super::findings::{faults, fit, parameters, poses, remarks, scales, undetermined, weak};
 use crate::layout::write::sections;
 use crate::layout::{Document, Paths};
 use crate::recording::atomic;
@@ -55,8 +55,11 @@ fn found(solved: &Solved) -> Document {
         entries.push(("moving".to_owned(), Document::Map(moving)));
     }
     entries.push(("fit".to_owned(), Document::Map(fit(solved))));
+    entries.push(("faults".to_owned(), faults(&solved.faults)));
     entries.push(("undetermined".to_owned(), undetermined(solved)));
     entries.push(("weak".to_owned(), weak(solved)));
+    entries.push(("remarks".to_owned(), remarks(solved)));
+    entries.push(("scales".to_owned(), scales(solved)));
     let inputs = solved
         .inputs
         .iter()

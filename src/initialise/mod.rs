@@ -14,6 +14,7 @@ mod observe;
 mod planar;
 mod pose_from_points;
 mod register;
+mod robust_pose;
 
 pub use grow::{InitialiseError, Start, initialise};
 pub use hand_eye::{HandEye, solve_hand_eye};

@@ -4,8 +4,8 @@ use nalgebra::{Vector2, Vector3};
 use rayon::prelude::*;
 
 use super::consensus::{Votes, consensus, nearest};
-use super::pose_from_points::poses_from_points;
 use super::register::rigid_fit;
+use super::robust_pose::robust_poses_from_points;
 use crate::frames::FrameTree;
 use crate::geometry::{Feature, Intrinsics, Pose, TargetGeometry};
 use crate::layout::Layout;
@@ -128,7 +128,7 @@ fn picture_candidates(
             image.push(ideal);
         }
     }
-    poses_from_points(&points, &image).into_iter().map(|candidate| candidate.pose).collect()
+    robust_poses_from_points(&points, &image).into_iter().map(|candidate| candidate.pose).collect()
 }
 
 /// The corners of a block, shot by shot.

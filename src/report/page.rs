@@ -112,6 +112,7 @@ pub(super) fn page(input: &ReportInput<'_>) -> String {
             format!("<div class=\"pictures\">{}</div>", pictures::worst(input)),
         ));
     }
+    sections.push(("remarks", "What noise does not explain", tables::remarks(input)));
     sections.push(("undetermined", "What is not determined", tables::undetermined(input)));
     sections.push(("rejected", "What was set aside", tables::rejected(input)));
     if data["figures"]["correlation"].is_object() {

@@ -72,7 +72,11 @@ fn items(value: Option<&Value>) -> Vec<Value> {
 fn trustworthy(findings: &Value) -> bool {
     let fit = findings.get("fit");
     let converged = fit.and_then(|f| f.get("converged")).and_then(Value::as_bool).unwrap_or(false);
-    converged && items(fit.and_then(|f| f.get("doubts"))).is_empty() && items(findings.get("undetermined")).is_empty()
+    let refused = items(findings.get("faults")).iter().any(|fault| text(fault.get("action")) == "refused");
+    converged
+        && !refused
+        && items(fit.and_then(|f| f.get("doubts"))).is_empty()
+        && items(findings.get("undetermined")).is_empty()
 }
 
 /// The verdict, and the few numbers that one wants first.
@@ -117,6 +121,12 @@ pub(super) fn summary(input: &ReportInput<'_>) -> String {
         html.push_str(&format!(
             "<p class=\"warn\">The search did not end well: {}.</p>",
             prose(&text(fit.get("termination")))
+        ));
+    }
+    for fault in items(f.get("faults")).iter().filter(|fault| text(fault.get("action")) == "refused") {
+        html.push_str(&format!(
+            "<p class=\"warn\"><a href=\"#faults\">Wrong</a>: {}.</p>",
+            prose(&text(fault.get("what")))
         ));
     }
     let open = items(f.get("undetermined")).len();
@@ -306,15 +316,50 @@ pub(super) fn worst_configurations(input: &ReportInput<'_>) -> String {
     table("The configurations that fit worst", &["configuration", "corners", "set aside", "rms, px"], &rows)
 }
 
+/// What is wrong with the recording or its description, in words.
+fn faults(input: &ReportInput<'_>) -> String {
+    let all = items(input.findings.get("faults"));
+    if all.is_empty() {
+        return String::new();
+    }
+    let mut html = String::from("<ul class=\"open\" id=\"faults\">");
+    for one in all {
+        let part = |key: &str| prose(&text(one.get(key)));
+        let refused = text(one.get("action")) == "refused";
+        let action = if refused { "The answer is not to be used." } else { "It was left out." };
+        html.push_str(&format!(
+            "<li><strong>{}</strong>. {action}<br>{}.<br><em>What helps:</em> {}</li>",
+            part("what"),
+            part("evidence"),
+            part("remedy")
+        ));
+    }
+    html + "</ul>"
+}
+
+/// What noise does not explain although the fit may be sound.
+pub(super) fn remarks(input: &ReportInput<'_>) -> String {
+    let all = items(input.findings.get("remarks"));
+    if all.is_empty() {
+        return "<p>Residuals follow neither distance, angle, place in the picture nor a joint more than noise does.</p>".to_owned();
+    }
+    let mut html = String::from("<ul class=\"open\">");
+    for one in all {
+        let (what, remedy) = (text(one.get("what")), text(one.get("remedy")));
+        html.push_str(&format!("<li>{}<br><em>What to check:</em> {}</li>", prose(&what), prose(&remedy)));
+    }
+    html + "</ul>"
+}
+
 /// What was set aside, and why.
 pub(super) fn rejected(input: &ReportInput<'_>) -> String {
     let r = &input.solved.rejected;
     let kinds =
         [(r.corners, "corners"), (r.poses, "measured poses"), (r.points, "measured points"), (r.contacts, "contacts")];
-    let mut html = String::new();
+    let mut html = faults(input);
     let set: Vec<String> = kinds.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{n} {what}")).collect();
     if set.is_empty() && r.unplaced == 0 {
-        return "<p>Nothing was set aside.</p>".to_owned();
+        return html + "<p>Nothing was set aside.</p>";
     }
     if !set.is_empty() {
         html.push_str(&format!(

@@ -124,6 +124,31 @@ pub fn reject(plan: &mut Plan, residuals: &Residuals) -> Rejected {
     found
 }
 
+/// How far the bulk of the measurements is off, in the layout's standard deviations and at least one, and the share of all that lies far outside that.
+#[must_use]
+pub fn contamination(residuals: &Residuals) -> (f64, f64) {
+    let (mut scale, mut far, mut all) = (1.0_f64, 0, 0);
+    let [corners, poses, points, contacts] = &residuals.whitened;
+    let pairs = poses.iter().zip(residuals.poses.iter().flat_map(|pose| [pose.is_some(); 2])).filter(|(_, seen)| *seen);
+    let kinds: [(Vec<f64>, f64); 4] = [
+        (seen(corners, &residuals.corners), MEDIANS[1]),
+        (pairs.map(|(s, _)| *s).collect(), MEDIANS[2]),
+        (seen(points, &residuals.points), MEDIANS[2]),
+        (seen(contacts, &residuals.contacts), MEDIANS[0]),
+    ];
+    for (squared, median_of_unit) in kinds.into_iter().filter(|(squared, _)| !squared.is_empty()) {
+        let limit = limit(squared.clone(), median_of_unit);
+        scale = scale.max(limit.sqrt() / TIMES);
+        far += squared.iter().filter(|s| **s > limit).count();
+        all += squared.len();
+    }
+    (scale, far as f64 / all.max(1) as f64)
+}
+
+fn seen<T>(squared: &[f64], of: &[Option<T>]) -> Vec<f64> {
+    squared.iter().zip(of).filter(|(_, one)| one.is_some()).map(|(s, _)| *s).collect()
+}
+
 /// Sets aside corners that the camera could not see from where it was found to be: a misread id, not a measurement.
 pub fn reject_unseen(plan: &mut Plan, residuals: &Residuals) -> Rejected {
     let mut found = Rejected::default();

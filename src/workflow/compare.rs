@@ -36,6 +36,13 @@ impl Comparison {
         self.poses.iter().map(|pose| pose.translation).fold(0.0, f64::max)
     }
 
+    /// The pose that lies farthest from the other in its standard deviations, and how many.
+    #[must_use]
+    pub fn farthest(&self) -> Option<(&str, f64)> {
+        let known = self.poses.iter().filter_map(|pose| Some((pose.key.as_str(), pose.within_sigma?)));
+        known.max_by(|a, b| a.1.total_cmp(&b.1))
+    }
+
     /// The largest angle, rad.
     #[must_use]
     pub fn worst_rotation(&self) -> f64 {

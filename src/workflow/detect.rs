@@ -10,6 +10,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use super::check::check_pictures;
+use super::dictionary::wrong_dictionary;
 use crate::complaint::{Complaint, InputError};
 use crate::detect::drawing::draw_to;
 use crate::detect::{Corner, Detector, GreyPicture, Lens, Pattern};
@@ -17,6 +18,7 @@ use crate::geometry::{Feature, Intrinsics};
 use crate::layout::Layout;
 use crate::layout::images::PictureFile;
 use crate::recording::{CornerRow, Recording, write_detections};
+use crate::trust::Fault;
 
 /// Pictures that are in memory together: what two cores chew while the journal waits.
 const TOGETHER: usize = 32;
@@ -49,6 +51,8 @@ pub struct Detected {
     pub resumed: usize,
     /// Pictures that could not be used.
     pub failed: Vec<Failure>,
+    /// What is wrong with the description of the targets, as far as pictures show it.
+    pub faults: Vec<Fault>,
     /// Whether the run was stopped before the end; the journal then keeps what is done.
     pub interrupted: bool,
 }
@@ -151,6 +155,11 @@ pub fn detect(layout: &Layout, detector: &dyn Detector, out: &Path, watch: &Watc
             "check the pictures against `images` and the `size` of the intrinsics",
         )
         .into());
+    }
+    let missing: Vec<usize> =
+        targets.iter().copied().filter(|target| !rows.iter().any(|row| row.target == *target)).collect();
+    if !missing.is_empty() {
+        result.faults.extend(wrong_dictionary(layout, detector, &work, &missing));
     }
     rows.sort_by(|a, b| a.key().cmp(&b.key()));
     write_detections(out, layout, &rows).map_err(fail)?;

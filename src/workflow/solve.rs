@@ -4,6 +4,9 @@ use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use super::diagnose::diagnose;
+use super::follow::{follow_scale, follow_up};
+use super::robust::robust_search;
 use crate::complaint::{Complaint, InputError};
 use crate::frames::{FrameId, FrameTree, Pieces, pieces};
 use crate::geometry::Pose;
@@ -11,11 +14,10 @@ use crate::initialise::{Start, initialise};
 use crate::layout::{Layout, LossSetting, Motion, read_layout};
 use crate::recording::Recording;
 use crate::solve::{Assembler, Loss, Options, Plan, PlanError, Priors, Report, State, minimise};
-use crate::trust::outliers::{Rejected, Tally, reject, reject_unseen, tally};
-use crate::trust::{Covariance, Evidence, Residuals, Undetermined, covariance, explain, residuals};
-
-/// Passes of rejecting and solving again at most.
-const REJECTION_PASSES: usize = 3;
+use crate::trust::outliers::{Rejected, Tally, reject_unseen, tally};
+use crate::trust::{
+    Action, Covariance, Evidence, Fault, Remark, Residuals, Scale, Undetermined, covariance, explain, residuals,
+};
 
 /// More than this share of measurements set aside means that the description is wrong, not the measurements.
 const MOST_ASIDE: f64 = 0.1;
@@ -44,6 +46,8 @@ pub struct StageSeconds {
     pub evaluate: f64,
     /// Covariance and observability.
     pub covariance: f64,
+    /// Finding what is wrong; nothing if the fit is sound.
+    pub diagnose: f64,
     /// Everything.
     pub total: f64,
 }
@@ -69,6 +73,12 @@ pub struct Solved {
     pub undetermined: Vec<Undetermined>,
     /// What was determined, but weakly.
     pub weak: Vec<Undetermined>,
+    /// Factors on distances, as the residuals have them.
+    pub scales: Vec<Scale>,
+    /// What residuals follow, and factors on distances that matter.
+    pub remarks: Vec<Remark>,
+    /// What is wrong with the recording or its description.
+    pub faults: Vec<Fault>,
     /// What was set aside.
     pub rejected: Rejected,
     /// How the corners fared, by camera and target.
@@ -88,10 +98,12 @@ pub struct Solved {
 }
 
 impl Solved {
-    /// Whether the answer can be used without a second look: converged, every direction determined, and nearly all measurements in agreement.
+    /// Whether the answer can be used without a second look: converged, every direction determined, nearly all measurements in agreement, and
+    /// nothing found that leaving measurements out would not mend.
     #[must_use]
     pub fn trustworthy(&self) -> bool {
-        self.report.termination.converged() && self.undetermined.is_empty() && self.doubts().is_empty()
+        let refused = self.faults.iter().any(|fault| fault.action == Action::Refused);
+        self.report.termination.converged() && self.undetermined.is_empty() && self.doubts().is_empty() && !refused
     }
 
     /// What speaks against the answer although it converged: too many measurements that do not fit it.
@@ -163,6 +175,24 @@ pub fn solve_recording(
     inputs: Vec<(String, String)>,
     began: Instant,
 ) -> Result<Solved, InputError> {
+    let mut solved = solve_plain(layout, recording, start, inputs, began, true)?;
+    let clock = Instant::now();
+    solved.faults = diagnose(&solved, recording, start);
+    follow_scale(&mut solved, recording, start);
+    solved.seconds.diagnose = clock.elapsed().as_secs_f64();
+    solved.seconds.total = began.elapsed().as_secs_f64();
+    Ok(solved)
+}
+
+/// The solve without a look at what may be wrong; with a `look` at what the residuals still tell.
+pub(super) fn solve_plain(
+    layout: Layout,
+    recording: &Recording,
+    start: &[(String, Pose)],
+    inputs: Vec<(String, String)>,
+    began: Instant,
+    look: bool,
+) -> Result<Solved, InputError> {
     let tree = FrameTree::new(&layout);
     let mut plan = Plan::new(&layout, &tree, recording).map_err(|error| no_motion(&layout, &error))?;
     let Pieces { floating, unseen } = pieces(
@@ -198,7 +228,7 @@ pub fn solve_recording(
     };
     let robust = layout.solve.loss != LossSetting::Squared;
     if robust {
-        robust_search(&layout, &tree, recording, &mut plan, &priors, &mut state, &mut rejected, &mut run);
+        robust_search(&layout, recording, &mut plan, &priors, &mut state, &mut rejected, &mut run);
     }
     let (mut report, residuals, poses) = loop {
         let mut assembler = Assembler::new(&layout, recording, &plan, priors.clone());
@@ -231,6 +261,8 @@ pub fn solve_recording(
     let covariance = covariance(&plan, &terms, &believed, noise);
     let evidence = Evidence { layout: &layout, tree: &tree, recording, plan: &plan, state: &state, poses: &poses };
     let (undetermined, weak) = explain(&evidence, &covariance, &unseen);
+    let (scales, remarks) =
+        if look { follow_up(&evidence, &residuals, &covariance, &believed) } else { Default::default() };
     let tallies = tally(&layout, recording, &plan, &residuals);
     seconds.covariance = clock.elapsed().as_secs_f64();
     seconds.total = began.elapsed().as_secs_f64();
@@ -244,6 +276,9 @@ pub fn solve_recording(
         covariance,
         undetermined,
         weak,
+        scales,
+        remarks,
+        faults: Vec::new(),
         rejected,
         tallies,
         unseen,
@@ -253,45 +288,6 @@ pub fn solve_recording(
         inputs,
         seconds,
     })
-}
-
-/// Minimises the robust cost and sets aside what does not belong, until nothing more is found.
-///
-/// What is accepted is then fitted by plain least squares ([`solve_recording`]): a robust loss is the way to find the crowd, but within
-/// the crowd least squares has the smaller variance (reweighted least squares; Rousseeuw and Leroy, *Robust Regression and Outlier Detection*, 1987).
-#[allow(clippy::too_many_arguments, reason = "the stages of one solve share all of it")]
-fn robust_search(
-    layout: &Layout,
-    _tree: &FrameTree,
-    recording: &Recording,
-    plan: &mut Plan,
-    priors: &Priors,
-    state: &mut State,
-    rejected: &mut Rejected,
-    run: &mut impl FnMut(&mut Assembler<'_>, &mut State, &Options) -> Report,
-) {
-    let loss: Loss = layout.solve.loss.into();
-    // Only the accepted set is taken from here, so the last digits are left to the fit that follows.
-    let options = Options { decrease: 1e-6, step: 1e-3, ..Options::default() };
-    for pass in 0..=REJECTION_PASSES {
-        let mut assembler = Assembler::new(layout, recording, plan, priors.clone());
-        // A loss that forgets what is far away must not forget before the cell is nearly right.
-        if pass == 0
-            && let Loss::Cauchy(k) | Loss::Tukey(k) = loss
-        {
-            assembler.set_loss(Loss::Huber(k));
-            run(&mut assembler, state, &options);
-            assembler.set_loss(loss);
-        }
-        run(&mut assembler, state, &options);
-        let poses = assembler.block_poses(state);
-        let rest = residuals(layout, plan, state, &poses, loss);
-        let more = reject(plan, &rest);
-        rejected.add(more);
-        if more.total() == 0 {
-            break;
-        }
-    }
 }
 
 /// The poses of another layout, by key.
