@@ -3,6 +3,8 @@
 # `make setup-opencv` installs its packages on Debian and Ubuntu and says so.
 
 PACKAGES := libopencv-dev libopencv-contrib-dev clang libclang-dev pkg-config
+# Waits for whoever else is installing, and asks again when the network stumbles.
+APT := -o DPkg::Lock::Timeout=600 -o Acquire::Retries=3
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 
 .PHONY: demo test test-opencv setup-opencv format lint lint-opencv docs book-pages bench bench-build clean
@@ -15,9 +17,10 @@ demo:
 test:
 	cargo test --release
 
-## The same with OpenCV as a second finder.
+## What OpenCV as a second finder can break.
 test-opencv: setup-opencv
-	cargo test --release --features opencv
+	cargo test --release --features opencv --lib --test detect_dictionaries --test detect_native --test detect_pictures --test detect_recordings
+	CELLMAP_DETECTOR=opencv cargo test --release --features opencv --test detect_recordings
 
 setup-opencv:
 	@missing=""; for package in $(PACKAGES); do \
@@ -26,8 +29,8 @@ setup-opencv:
 	if [ -n "$$missing" ]; then \
 	    command -v apt-get >/dev/null || { echo "this needs OpenCV 4 with its contrib modules, clang and libclang: install them, then run make again"; exit 1; }; \
 	    echo "installing the Debian packages$$missing"; \
-	    $(SUDO) apt-get update -qq && \
-	    DEBIAN_FRONTEND=noninteractive $(SUDO) apt-get install -y -qq --no-install-recommends $$missing >/dev/null || exit 1; \
+	    $(SUDO) apt-get $(APT) update -qq && \
+	    $(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get $(APT) install -y -qq --no-install-recommends $$missing >/dev/null || exit 1; \
 	fi
 
 format:
@@ -37,7 +40,7 @@ lint:
 	cargo clippy --release --all-targets -- -D warnings
 
 lint-opencv: setup-opencv
-	cargo clippy --release --all-targets --features opencv -- -D warnings
+	cargo clippy --release --features opencv --lib --bins --bench detection_table --test detect_dictionaries --test detect_recordings -- -D warnings
 
 docs:
 	RUSTDOCFLAGS="-D warnings" cargo doc --release --no-deps

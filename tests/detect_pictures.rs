@@ -95,6 +95,11 @@ fn every_kind_of_pixel_becomes_the_right_grey() {
     assert_eq!(found, [200, 200, 76, 150, 29]);
     ImageBuffer::from_pixel(16, 16, Luma([90u8])).save(place("grey.jpg")).unwrap();
     assert_eq!(read("grey.jpg"), 90);
+    // A colour JPEG stores luma; its own rounding may be one off.
+    for (name, colour, luma) in [("red.jpg", [255u8, 0, 0], 76), ("green.jpg", [0, 255, 0], 150)] {
+        ImageBuffer::from_pixel(16, 16, Rgb(colour)).save(place(name)).unwrap();
+        assert!(read(name).abs_diff(luma) <= 1, "{name}");
+    }
 }
 
 #[test]

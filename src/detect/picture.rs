@@ -6,15 +6,18 @@
 //! first the absolute limit, then the size that the camera's intrinsics were measured at.
 //!
 //! Colour becomes grey by BT.601 luma, with the rounding OpenCV uses, so that corners agree with
-//! those other tools find. Alpha is ignored, and so is an EXIF orientation: intrinsics belong to the
+//! those other tools find. A JPEG file stores that luma, which is taken as it is. Alpha is ignored, and so is an EXIF orientation: intrinsics belong to the
 //! sensor's own rows and columns.
 
-use std::fs::File;
-use std::io::{self, BufReader};
+use std::io::{self, Cursor};
 use std::path::{Path, PathBuf};
 
-use image::{DynamicImage, ImageDecoder, ImageReader, Limits};
+use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 use thiserror::Error;
+use zune_core::bytestream::ZCursor;
+use zune_core::colorspace::ColorSpace;
+use zune_core::options::DecoderOptions;
+use zune_jpeg::JpegDecoder;
 
 /// No picture above this many pixels is decoded (256 megapixels: 16384 x 16384).
 pub const MAXIMUM_PIXELS: u64 = 256 * 1024 * 1024;
@@ -92,34 +95,52 @@ impl GreyPicture {
     /// # Errors
     /// See [`PictureError`]. Size errors are found from the header, before anything is allocated.
     pub fn read(path: &Path, expected_size: Option<[u32; 2]>) -> Result<Self, PictureError> {
-        let unreadable = |words: String| PictureError::Unreadable { path: path.to_owned(), words };
-        let file = File::open(path).map_err(|error| match error.kind() {
+        let bytes = std::fs::read(path).map_err(|error| match error.kind() {
             io::ErrorKind::NotFound => PictureError::Missing { path: path.to_owned() },
-            _ => unreadable(error.to_string()),
+            _ => PictureError::Unreadable { path: path.to_owned(), words: error.to_string() },
         })?;
-        let mut reader = ImageReader::new(BufReader::new(file))
+        Self::decode(&bytes, path, expected_size)
+    }
+
+    /// Decodes a file's contents; `path` is for the complaints.
+    ///
+    /// # Errors
+    /// See [`PictureError`]. Size errors are found from the header, before anything is allocated.
+    pub fn decode(bytes: &[u8], path: &Path, expected_size: Option<[u32; 2]>) -> Result<Self, PictureError> {
+        let unreadable = |words: String| PictureError::Unreadable { path: path.to_owned(), words };
+        let judged = |width: u32, height: u32| {
+            if u64::from(width) * u64::from(height) > MAXIMUM_PIXELS {
+                return Err(PictureError::TooLarge { path: path.to_owned(), size: [width, height] });
+            }
+            match expected_size {
+                Some(expected) if expected != [width, height] => {
+                    Err(PictureError::WrongSize { path: path.to_owned(), found: [width, height], expected })
+                }
+                _ => Ok(()),
+            }
+        };
+        let empty = || unreadable("it has no pixels".to_owned());
+        let mut reader = ImageReader::new(Cursor::new(bytes))
             .with_guessed_format()
             .map_err(|error| unreadable(error.to_string()))?;
+        if reader.format() == Some(ImageFormat::Jpeg) {
+            return match jpeg_luma(bytes, judged) {
+                Ok((width, height, pixels)) => Self::new(width, height, pixels).ok_or_else(empty),
+                Err(JpegFailure::Refused(error)) => Err(error),
+                Err(JpegFailure::Unreadable(words)) => Err(unreadable(words)),
+            };
+        }
         // `image` would already refuse at its own default; ours is the same for every format.
         reader.limits(Limits::no_limits());
         let mut decoder = reader.into_decoder().map_err(|error| unreadable(error.to_string()))?;
-
         let (width, height) = decoder.dimensions();
-        if u64::from(width) * u64::from(height) > MAXIMUM_PIXELS {
-            return Err(PictureError::TooLarge { path: path.to_owned(), size: [width, height] });
-        }
-        if let Some(expected) = expected_size
-            && expected != [width, height]
-        {
-            return Err(PictureError::WrongSize { path: path.to_owned(), found: [width, height], expected });
-        }
+        judged(width, height)?;
         // A decoder may need scratch memory of its own; bound that too, by what 16-bit RGBA needs.
         let mut limits = Limits::no_limits();
         limits.max_alloc = Some(2 * 8 * MAXIMUM_PIXELS);
         decoder.set_limits(limits).map_err(|error| unreadable(error.to_string()))?;
         let decoded = DynamicImage::from_decoder(decoder).map_err(|error| unreadable(error.to_string()))?;
-        Self::new(width as usize, height as usize, grey(decoded))
-            .ok_or_else(|| unreadable("it has no pixels".to_owned()))
+        Self::new(width as usize, height as usize, grey(decoded)).ok_or_else(empty)
     }
 
     /// Width in pixels, at least 1.
@@ -185,6 +206,38 @@ impl GreyPicture {
         let across = |pair: &[u8]| i32::from(pair[0]) * (256 - fx) + i32::from(pair[1]) * fx;
         Some(across(upper) * (256 - fy) + across(lower) * fy)
     }
+}
+
+/// Why a JPEG file gave no pixels.
+enum JpegFailure {
+    Refused(PictureError),
+    Unreadable(String),
+}
+
+/// A JPEG file's luma, which is stored as such: colour is neither decoded nor turned back into grey.
+fn jpeg_luma(
+    bytes: &[u8],
+    judged: impl Fn(u32, u32) -> Result<(), PictureError>,
+) -> Result<(usize, usize, Vec<u8>), JpegFailure> {
+    let words = |error: zune_jpeg::errors::DecodeErrors| JpegFailure::Unreadable(error.to_string());
+    // A JPEG file's sides have 16 bits; ours is the limit of their product.
+    let options = DecoderOptions::default()
+        .jpeg_set_out_colorspace(ColorSpace::Luma)
+        .set_max_width(usize::from(u16::MAX))
+        .set_max_height(usize::from(u16::MAX))
+        .set_strict_mode(true);
+    let mut decoder = JpegDecoder::new_with_options(ZCursor::new(bytes), options);
+    decoder.decode_headers().map_err(words)?;
+    let (width, height) =
+        decoder.dimensions().ok_or_else(|| JpegFailure::Unreadable("the header names no size".to_owned()))?;
+    judged(width as u32, height as u32).map_err(JpegFailure::Refused)?;
+    // Files that do not store luma as such: red, green and blue, or inks.
+    if !matches!(decoder.input_colorspace(), Some(ColorSpace::Luma | ColorSpace::YCbCr)) {
+        let decoded = image::load_from_memory_with_format(bytes, ImageFormat::Jpeg)
+            .map_err(|error| JpegFailure::Unreadable(error.to_string()))?;
+        return Ok((width, height, grey(decoded)));
+    }
+    Ok((width, height, decoder.decode().map_err(words)?))
 }
 
 /// BT.601 luma of 8-bit colour in 14-bit fixed point, rounded: OpenCV's formula to the bit.

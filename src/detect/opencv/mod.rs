@@ -1,7 +1,7 @@
-//! The finder built on the system's OpenCV (4.6 with contrib `aruco`).
+//! The finder built on the system's OpenCV: 4.6 and before with its contrib module `aruco`, 4.7 and after without.
 //!
 //! OpenCV only *finds*: rough quadrangles with ids, rough grids. All measuring is done by
-//! [`super::edge_lines`] and [`super::saddle`] on the same pixels.
+//! [`crate::detect::edge_lines`] and [`crate::detect::saddle`] on the same pixels.
 //!
 //! OpenCV's own threads are switched off, since pictures are the unit of work and every core already has
 //! one; each call has its own matrix, dictionary and parameters, so that nothing is shared between threads.
@@ -9,13 +9,39 @@
 use std::sync::Once;
 
 use ::opencv::boxed_ref::BoxedRef;
-use ::opencv::core::{Mat, Point2f, Ptr, Size, Vector};
+#[cfg(opencv_before_5)]
+use ::opencv::calib3d as boards;
+use ::opencv::core::{self, Mat, Point2f, Size, Vector};
+#[cfg(not(opencv_before_5))]
+use ::opencv::objdetect as boards;
 use ::opencv::prelude::*;
-use ::opencv::{aruco, calib3d, core};
 
 use super::checkerboard;
 use super::patterns::{Finder, FoundTag, detect_with};
 use super::{Corner, DetectError, Detector, Dictionary, GreyPicture, Lens, Pattern};
+#[cfg(opencv_before_4_7)]
+use contrib as tags;
+#[cfg(not(opencv_before_4_7))]
+use objdetect as tags;
+
+/// Sets the parameters that both of OpenCV's interfaces have.
+macro_rules! usual_parameters {
+    ($parameters:ident, $no_refinement:path) => {
+        $parameters.set_corner_refinement_method($no_refinement as i32);
+        // Read the middle third of each cell only, finely: the rough corners are up to a pixel off, and cells
+        // of small tags are not much wider. Finds half as many tags again in the AprilTag photographs.
+        $parameters.set_perspective_remove_pixel_per_cell(8);
+        $parameters.set_perspective_remove_ignored_margin_per_cell(0.33);
+        // Two tags side by side are not one tag twice until they nearly coincide.
+        $parameters.set_min_marker_distance_rate(0.02);
+    };
+}
+use usual_parameters;
+
+#[cfg(opencv_before_4_7)]
+mod contrib;
+#[cfg(not(opencv_before_4_7))]
+mod objdetect;
 
 const NAME: &str = "opencv";
 
@@ -41,37 +67,18 @@ impl OpenCvDetector {
     /// [`DetectError::Library`].
     pub fn find_tags(&self, picture: &GreyPicture, dictionary: Dictionary) -> Result<Vec<FoundTag>, DetectError> {
         let failed = library("looking for tags");
-        // OpenCV before 4.7 ends here.
-        let number = dictionary.opencv_number().filter(|number| *number <= Dictionary::AprilTag36h11 as i32);
-        let Some(number) = number else {
-            return Err(DetectError::Dictionary { detector: "opencv", dictionary });
+        let Some(number) = dictionary.opencv_number().filter(|number| *number <= tags::LAST) else {
+            return Err(DetectError::Dictionary { detector: NAME, dictionary });
         };
         let mat = borrow(picture).map_err(&failed)?;
-        let tags = (|| {
-            let family = aruco::get_predefined_dictionary_i32(number)?;
-            let mut parameters = aruco::DetectorParameters::default()?;
-            parameters.set_corner_refinement_method(aruco::CornerRefineMethod::CORNER_REFINE_NONE as i32);
-            // Read the middle third of each cell only, finely: the rough corners are up to a pixel off, and cells
-            // of small tags are not much wider. Finds half as many tags again in the AprilTag photographs.
-            parameters.set_perspective_remove_pixel_per_cell(8);
-            parameters.set_perspective_remove_ignored_margin_per_cell(0.33);
-            // Two tags side by side are not one tag twice until they nearly coincide.
-            parameters.set_min_marker_distance_rate(0.02);
-            let parameters = Ptr::new(parameters);
-            let (mut corners, mut rejected) = (Vector::<Vector<Point2f>>::new(), Vector::<Vector<Point2f>>::new());
-            let mut ids = Vector::<i32>::new();
-            aruco::detect_markers(&mat, &family, &mut corners, &mut ids, &parameters, &mut rejected)?;
-            Ok::<_, ::opencv::Error>(
-                ids.iter().zip(corners.iter()).map(|(id, quad)| (id, quad.to_vec())).collect::<Vec<_>>(),
-            )
-        })()
-        .map_err(&failed)?;
+        let (ids, corners) = tags::find(&mat, number).map_err(&failed)?;
         // OpenCV keeps AprilRobotics' families turned by half a turn.
         let turn = if dictionary.is_april_tag() { 2 } else { 0 };
-        Ok(tags
-            .into_iter()
+        Ok(ids
+            .iter()
+            .zip(corners.iter())
             .filter_map(|(id, quad)| {
-                let quad: [Point2f; 4] = quad.try_into().ok()?;
+                let quad: [Point2f; 4] = quad.to_vec().try_into().ok()?;
                 let corners = [0, 1, 2, 3].map(|corner: usize| quad[(corner + turn) % 4]);
                 Some(FoundTag {
                     id: u32::try_from(id).ok()?,
@@ -112,8 +119,8 @@ impl OpenCvDetector {
 /// (kuka_2) all find all.
 fn find_grid(mat: &impl core::ToInputArray, size: Size) -> ::opencv::Result<Option<Vec<[f64; 2]>>> {
     let mut corners = Vector::<Point2f>::new();
-    let flags = calib3d::CALIB_CB_ADAPTIVE_THRESH | calib3d::CALIB_CB_NORMALIZE_IMAGE | calib3d::CALIB_CB_FAST_CHECK;
-    let found = calib3d::find_chessboard_corners(mat, size, &mut corners, flags)?;
+    let flags = boards::CALIB_CB_ADAPTIVE_THRESH | boards::CALIB_CB_NORMALIZE_IMAGE | boards::CALIB_CB_FAST_CHECK;
+    let found = boards::find_chessboard_corners(mat, size, &mut corners, flags)?;
     Ok(found.then(|| corners.iter().map(|corner| [f64::from(corner.x), f64::from(corner.y)]).collect()))
 }
 
