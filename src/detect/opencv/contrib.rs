@@ -4,7 +4,6 @@ use ::opencv::aruco::{CornerRefineMethod, DetectorParameters, detect_markers, ge
 use ::opencv::core::{Point2f, Ptr, ToInputArray, Vector};
 use ::opencv::prelude::*;
 
-use super::usual_parameters;
 use crate::detect::Dictionary;
 
 /// The last family it has.

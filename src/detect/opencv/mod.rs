@@ -36,7 +36,6 @@ macro_rules! usual_parameters {
         $parameters.set_min_marker_distance_rate(0.02);
     };
 }
-use usual_parameters;
 
 #[cfg(opencv_before_4_7)]
 mod contrib;

@@ -6,7 +6,6 @@ use ::opencv::objdetect::{
 };
 use ::opencv::prelude::*;
 
-use super::usual_parameters;
 use crate::detect::Dictionary;
 
 /// The last family it has.
