@@ -3,6 +3,8 @@
 #[path = "support/program.rs"]
 mod program;
 
+use std::collections::BTreeMap;
+
 use program::{folder, json, run, stderr};
 
 #[test]
@@ -26,4 +28,27 @@ fn two_robots_through_pictures() {
         assert!(pose["translation_mm"].as_f64().unwrap() < 0.5, "{key}: {pose}");
         assert!(pose["within_sigma"].as_f64().unwrap() < 4.0, "{key}: {pose}");
     }
+    // Told where tags must be, the detector finds the same.
+    let told = ["detect", "cell/layout.yaml", "--predict", "cell/solution.yaml", "--out", "told.csv", "--json"];
+    let told = run(dir.path(), &told);
+    assert_eq!(told.status.code(), Some(0), "{}", stderr(&told));
+    let read = |name: &str| -> BTreeMap<String, [f64; 2]> {
+        let text = std::fs::read_to_string(dir.path().join(name)).unwrap();
+        let line = |line: &str| {
+            let fields: Vec<&str> = line.split(',').collect();
+            (fields[..6].join(","), [fields[6].parse().unwrap(), fields[7].parse().unwrap()])
+        };
+        text.lines().skip(1).map(line).collect()
+    };
+    let (with, without) = (read("told.csv"), read("cell/detections.csv"));
+    let both: Vec<f64> =
+        with.iter().filter_map(|(key, a)| without.get(key).map(|b| (a[0] - b[0]).hypot(a[1] - b[1]))).collect();
+    assert!(
+        both.len() * 100 >= without.len() * 99 && both.len() * 100 >= with.len() * 99,
+        "{} {}",
+        both.len(),
+        with.len()
+    );
+    let rms = (both.iter().map(|apart| apart * apart).sum::<f64>() / both.len() as f64).sqrt();
+    assert!(rms < 0.02, "{rms} px");
 }

@@ -33,6 +33,9 @@ pub(super) struct Detect {
     /// Also find tags printed with black and white exchanged
     #[arg(long)]
     inverted: bool,
+    /// A solution of this cell: tags are first looked for where it says that they are
+    #[arg(long, value_name = "SOLUTION")]
+    predict: Option<PathBuf>,
     /// Also draw what was found into the pictures, in this folder
     #[arg(long, value_name = "DIR")]
     draw: Option<PathBuf>,
@@ -52,7 +55,12 @@ impl Detect {
             bar.set_length(all as u64);
             bar.set_position(done as u64);
         };
-        let watch = Watch { progress: &progress, stop: stop_requested(), draw: self.draw.as_deref() };
+        let watch = Watch {
+            progress: &progress,
+            stop: stop_requested(),
+            draw: self.draw.as_deref(),
+            predict: self.predict.as_deref(),
+        };
         let found = detect(&layout, detector.as_ref(), &out, &watch)?;
         bar.finish_and_clear();
         if found.interrupted {

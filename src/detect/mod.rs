@@ -93,6 +93,26 @@ pub enum DetectError {
     },
 }
 
+/// A tag that must be in a picture, and where, by what is known of the cell.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ExpectedTag {
+    /// Its family.
+    pub dictionary: Dictionary,
+    /// Its number in its family.
+    pub id: u32,
+    /// Corners, px: 0 top-left .. 3 bottom-left as printed. A few pixels off does no harm.
+    pub corners: [[f64; 2]; 4],
+}
+
+/// What must be in a picture.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Expected {
+    /// The tags.
+    pub tags: Vec<ExpectedTag>,
+    /// Whether nothing else that is wanted can be in the picture.
+    pub all: bool,
+}
+
 /// Finds patterns in pictures. One value serves all threads at once and keeps nothing between pictures.
 pub trait Detector: Send + Sync {
     /// A short name for reports.
@@ -115,4 +135,20 @@ pub trait Detector: Send + Sync {
         lens: Option<&dyn Lens>,
         wanted: &[Pattern],
     ) -> Result<Vec<Corner>, DetectError>;
+
+    /// As [`Detector::detect`], with a word on what must be in the picture. A tag that is where it was expected need not be searched
+    /// for; if one is not, or if there may be others, the whole picture is searched as ever.
+    ///
+    /// # Errors
+    /// As [`Detector::detect`].
+    fn detect_expected(
+        &self,
+        picture: &GreyPicture,
+        lens: Option<&dyn Lens>,
+        wanted: &[Pattern],
+        expected: &Expected,
+    ) -> Result<Vec<Corner>, DetectError> {
+        let _ = expected;
+        self.detect(picture, lens, wanted)
+    }
 }

@@ -11,6 +11,7 @@ use std::time::Instant;
 
 use super::check::check_pictures;
 use super::dictionary::wrong_dictionary;
+use super::predict::Prediction;
 use crate::complaint::{Complaint, InputError};
 use crate::detect::drawing::draw_to;
 use crate::detect::{Corner, Detector, GreyPicture, Lens, Pattern};
@@ -65,6 +66,8 @@ pub struct Watch<'a> {
     pub stop: &'a AtomicBool,
     /// A folder for the pictures with what was found drawn into them. All are looked at anew then.
     pub draw: Option<&'a Path>,
+    /// A solution that says where tags must be.
+    pub predict: Option<&'a Path>,
 }
 
 impl std::fmt::Debug for Watch<'_> {
@@ -102,8 +105,9 @@ pub fn detect(layout: &Layout, detector: &dyn Detector, out: &Path, watch: &Watc
         return Err(no_pictures(layout).into());
     }
     let (wanted, targets) = wanted(layout)?;
+    let prediction = watch.predict.map(|solution| Prediction::read(solution, layout)).transpose()?;
     let journal_path = journal_path(out);
-    let fingerprint = fingerprint(layout, detector.name(), &wanted);
+    let fingerprint = fingerprint(layout, detector.name(), &wanted, watch.predict);
     let mut known = read_journal(&journal_path, &fingerprint);
     let fail = |e: std::io::Error| cannot_write(out, &e);
     let mut journal = Journal::open(&journal_path, &fingerprint, &known).map_err(fail)?;
@@ -126,8 +130,10 @@ pub fn detect(layout: &Layout, detector: &dyn Detector, out: &Path, watch: &Watc
         });
         result.resumed += old.len();
         done.extend(old.iter().filter_map(|(camera, file)| known.remove(&(*camera, file.configuration, file.shot))));
-        let fresh: Vec<Done> =
-            new.par_iter().map(|(camera, file)| look(layout, detector, &wanted, *camera, file, watch.draw)).collect();
+        let fresh: Vec<Done> = new
+            .par_iter()
+            .map(|(camera, file)| look(layout, detector, &wanted, prediction.as_ref(), *camera, file, watch.draw))
+            .collect();
         journal.append(&fresh).map_err(fail)?;
         done.extend(fresh);
         (watch.progress)(done.len(), work.len());
@@ -203,6 +209,7 @@ fn look(
     layout: &Layout,
     detector: &dyn Detector,
     wanted: &[Pattern],
+    prediction: Option<&Prediction>,
     camera: usize,
     file: &PictureFile,
     draw: Option<&Path>,
@@ -218,8 +225,15 @@ fn look(
     };
     let found = GreyPicture::read(&file.path, intrinsics.map(Intrinsics::size)).map_err(|e| e.to_string()).and_then(
         |picture| {
-            let corners =
-                detector.detect(&picture, intrinsics.map(|i| i as &dyn Lens), wanted).map_err(|e| e.to_string())?;
+            let lens = intrinsics.map(|i| i as &dyn Lens);
+            let corners = match prediction {
+                None => detector.detect(&picture, lens, wanted),
+                Some(prediction) => {
+                    let expected = prediction.of(layout, camera, file.configuration);
+                    detector.detect_expected(&picture, lens, wanted, &expected)
+                }
+            };
+            let corners = corners.map_err(|e| e.to_string())?;
             if let Some(folder) = draw {
                 let name = &layout.cameras[camera].name;
                 let drawing = folder.join(format!("{name}_{:04}_{:02}.png", file.configuration, file.shot));
@@ -277,10 +291,11 @@ fn journal_path(out: &Path) -> PathBuf {
 }
 
 /// What a journal must agree on to be continued: everything that detection depends on.
-fn fingerprint(layout: &Layout, detector: &str, wanted: &[Pattern]) -> String {
+fn fingerprint(layout: &Layout, detector: &str, wanted: &[Pattern], predict: Option<&Path>) -> String {
     let lenses: BTreeMap<&str, _> =
         layout.cameras.iter().map(|c| (c.name.as_str(), (&c.images, &c.intrinsics))).collect();
-    let text = format!("{} {detector} {wanted:?} {lenses:?}", crate::VERSION);
+    let text =
+        format!("{} {detector} {wanted:?} {lenses:?} {:?}", crate::VERSION, predict.map(|file| (file, stamp(file))));
     Sha256::digest(text.as_bytes()).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 

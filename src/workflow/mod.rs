@@ -16,6 +16,7 @@ mod localise;
 pub(crate) mod measured;
 pub mod new;
 pub(crate) mod place;
+pub mod predict;
 pub mod published;
 mod repair;
 mod robust;

@@ -22,7 +22,7 @@ mod tiles;
 use super::checkerboard;
 use super::patterns::{Finder, FoundTag, detect_with};
 use super::picture::GreyPicture;
-use super::{Corner, DetectError, Detector, Dictionary, Lens, Pattern};
+use super::{Corner, DetectError, Detector, Dictionary, Expected, ExpectedTag, Lens, Pattern};
 use codebook::Codebook;
 use components::Wanted;
 
@@ -72,6 +72,25 @@ impl NativeDetector {
         found
     }
 
+    /// The tag that is expected, if it is there: its border within a few pixels of where it is expected, its cells, its first corner.
+    #[must_use]
+    pub fn verify(&self, picture: &GreyPicture, expected: &ExpectedTag) -> Option<FoundTag> {
+        let book = Codebook::of(expected.dictionary);
+        let mut reader = reading::Reader::default();
+        let shades = [book.bright_inside, !book.bright_inside];
+        shades.into_iter().take(if self.inverted { 2 } else { 1 }).find_map(|bright_inside| {
+            let quad = outline::settle(picture, expected.corners, bright_inside)?;
+            let read = reader.read(picture, quad, bright_inside, book)?;
+            // Its first corner is the one that was expected.
+            (read.id == expected.id && read.corners == quad).then_some(FoundTag {
+                id: read.id,
+                corners: quad,
+                bright_inside,
+                close: true,
+            })
+        })
+    }
+
     /// A checkerboard's rough corners in canonical order, if a believable one is in the picture.
     #[must_use]
     pub fn find_checkerboard(&self, picture: &GreyPicture, columns: usize, rows: usize) -> Option<Vec<[f64; 2]>> {
@@ -98,6 +117,37 @@ impl Finder for NativeDetector {
     }
 }
 
+/// A detector that was told what to expect.
+struct Told<'a> {
+    detector: &'a NativeDetector,
+    expected: &'a Expected,
+}
+
+impl Finder for Told<'_> {
+    fn tags(&self, picture: &GreyPicture, dictionaries: &[Dictionary]) -> Result<Vec<Vec<FoundTag>>, DetectError> {
+        let mut verified: Vec<Vec<FoundTag>> = vec![Vec::new(); dictionaries.len()];
+        for tag in &self.expected.tags {
+            let Some(place) = dictionaries.iter().position(|dictionary| *dictionary == tag.dictionary) else {
+                continue;
+            };
+            match self.detector.verify(picture, tag) {
+                Some(found) => verified[place].push(found),
+                None => return self.detector.tags(picture, dictionaries),
+            }
+        }
+        if self.expected.all { Ok(verified) } else { self.detector.tags(picture, dictionaries) }
+    }
+
+    fn checkerboard(
+        &self,
+        picture: &GreyPicture,
+        columns: usize,
+        rows: usize,
+    ) -> Result<Option<Vec<[f64; 2]>>, DetectError> {
+        self.detector.checkerboard(picture, columns, rows)
+    }
+}
+
 impl Detector for NativeDetector {
     fn name(&self) -> &'static str {
         if self.inverted { "native, inverted too" } else { "native" }
@@ -110,5 +160,15 @@ impl Detector for NativeDetector {
         wanted: &[Pattern],
     ) -> Result<Vec<Corner>, DetectError> {
         detect_with(self, picture, lens, wanted)
+    }
+
+    fn detect_expected(
+        &self,
+        picture: &GreyPicture,
+        lens: Option<&dyn Lens>,
+        wanted: &[Pattern],
+        expected: &Expected,
+    ) -> Result<Vec<Corner>, DetectError> {
+        detect_with(&Told { detector: self, expected }, picture, lens, wanted)
     }
 }
