@@ -178,6 +178,7 @@ fn main() {
     }
     for gamma in [0.45, 2.2] {
         table.hard(&format!("gamma {gamma}"), Scene { gamma, ..USUAL });
+        table.hard(&format!("gamma {gamma} size 20"), Scene { gamma, size: [20.0; 2], tilt: [0.0, 0.5], ..USUAL });
     }
     for exposure in [0.15, 0.3, 1.4] {
         table.hard(&format!("exposure {exposure}"), Scene { exposure, ..USUAL });

@@ -5,11 +5,12 @@
 //! read is known, every cell of it, and so is how it looks:
 //!
 //! ```text
-//! value(x) = dark + slope . x + contrast * T(H^-1 x)
+//! value(x) = dark + slope . x + contrast * t(T(H^-1 x)),    t(p) = p + tone * p (1 - p)
 //! ```
 //!
-//! with T the cells blurred and H the perspective map that takes cells to pixels. All of it, the map, the blur and the light, is fitted to
-//! the pixels by Gauss-Newton with robust weights: some hundred pixels for some fourteen numbers, so that corners of a tag of 12 px are known
+//! with T the cells blurred and H the perspective map that takes cells to pixels. The tone t
+//! is what a camera that does not answer to light in proportion makes of it: the grey half-way between black and white is then not where the edge is. All of it, the map, the blur, the light and the tone, is fitted to
+//! the pixels by Gauss-Newton with robust weights: some hundred pixels for some sixteen numbers, so that corners of a tag of 12 px are known
 //! to a few hundredths of a pixel.
 //!
 //! How cells look when they are blurred is said in [`super::blurred_cells`].
@@ -22,8 +23,12 @@ use super::lens::Bender;
 use super::picture::GreyPicture;
 use super::projection::Projection;
 
-/// Numbers that are fitted: eight of the map, three of the blur, four of the light.
-const UNKNOWNS: usize = 15;
+/// Numbers that are fitted: eight of the map, three of the blur, four of the light, one of the tone.
+const UNKNOWNS: usize = 16;
+/// Bound of the tone: beyond it grey would not grow with light.
+const STEEPEST: f64 = 0.95;
+/// Standard deviation of the tone that is expected: an sRGB picture has 0.4 or so.
+const USUAL_TONE: f64 = 0.3;
 /// Gauss-Newton steps, at most.
 const MOST_STEPS: usize = 16;
 /// Part of a step of the blur that is taken.
@@ -71,6 +76,7 @@ struct State {
     blur: [f64; 3],
     /// Dark, its slopes, contrast.
     light: [f64; 4],
+    tone: f64,
 }
 
 impl WholeTag<'_> {
@@ -88,7 +94,7 @@ impl WholeTag<'_> {
             return Err(Weakness::TooFewEdges);
         }
         let round = self.blur.clamp(BLUR_BOUNDS[0], BLUR_BOUNDS[1]).powi(2);
-        let mut state = State { map, blur: [round, 0.0, round], light: [0.0; 4] };
+        let mut state = State { map, blur: [round, 0.0, round], light: [0.0; 4], tone: 0.0 };
         let meetings = self.cells.meetings();
         let mut residuals = vec![0.0; samples.len()];
         // Light alone first: nothing is known of it.
@@ -213,9 +219,13 @@ impl WholeTag<'_> {
                 |a: [f64; 2], b: [f64; 2]| a[0] * b[0] * xx + (a[0] * b[1] + a[1] * b[0]) * xy + a[1] * b[1] * yy;
             let look = self.cells.look(meetings, [u * n, v * n], [product(du, du), product(du, dv), product(dv, dv)]);
             let [dark, a, b, contrast] = state.light;
-            *residual = sample.value - (dark + a * x / size + b * y / size + contrast * look.value);
+            let between = look.value * (1.0 - look.value);
+            let toned = look.value + state.tone * between;
+            *residual = sample.value - (dark + a * x / size + b * y / size + contrast * toned);
             let mut row = SVector::<f64, UNKNOWNS>::zeros();
             if scale.is_some() {
+                row[15] = contrast * between;
+                let contrast = contrast * (1.0 + state.tone * (1.0 - 2.0 * look.value));
                 // A place that the map moves by d sees what was d before it.
                 let slope = [0, 1].map(|axis: usize| -contrast * (look.slope[0] * du[axis] + look.slope[1] * dv[axis]));
                 let [mx, my] = map_slopes(&state.map, [u, v], sample.place);
@@ -231,10 +241,15 @@ impl WholeTag<'_> {
             row[11] = 1.0;
             row[12] = x / size;
             row[13] = y / size;
-            row[14] = look.value;
+            row[14] = toned;
             let weight = scale.map_or(1.0, |scale| (BELIEVED * scale / residual.abs().max(1e-9)).min(1.0));
             normal_matrix.ger(weight, &row, &row, 1.0);
             gradient.axpy(weight * *residual, &row, 1.0);
+        }
+        if let Some(scale) = scale {
+            let certainty = (scale / USUAL_TONE).powi(2);
+            normal_matrix[(15, 15)] += certainty;
+            gradient[15] -= certainty * state.tone;
         }
         // Each unknown in its own unit, and a trace of damping for what the picture does not tell.
         let units = normal_matrix.diagonal().map(|value| if value > 0.0 { 1.0 / value.sqrt() } else { 1.0 });
@@ -251,6 +266,7 @@ impl WholeTag<'_> {
         if scale.is_some() {
             state.map.add([0, 1, 2, 3, 4, 5, 6, 7].map(|k: usize| step[k]));
             // The slopes leave the correlation aside, and with it the whole step would swing to and fro.
+            state.tone = (state.tone + step[15]).clamp(-STEEPEST, STEEPEST);
             state.blur = bounded(state.blur, [step[8], step[9], step[10]].map(|step| BLUR_STEP * step));
         }
         for (light, step) in state.light.iter_mut().zip([step[11], step[12], step[13], step[14]]) {
