@@ -63,6 +63,9 @@ fn what_is_not_there_is_searched_for() {
     for tags in [moved(25.0).collect(), renamed().collect(), turned().collect(), nowhere().collect::<Vec<_>>()] {
         assert_eq!(look(&picture, &Expected { tags, all: true }), without);
     }
+    for corners in [[[1.4e14, 5.0]; 4], [[f64::INFINITY, -1e19]; 4]] {
+        assert_eq!(NativeDetector::new().verify(&picture, &ExpectedTag { corners, ..right[0] }), None);
+    }
     // One that nobody expects is found if there may be more.
     let tags = right[1..].to_vec();
     assert_eq!(look(&picture, &Expected { tags, all: false }), without);

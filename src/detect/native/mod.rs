@@ -75,6 +75,12 @@ impl NativeDetector {
     /// The tag that is expected, if it is there: its border within a few pixels of where it is expected, its cells, its first corner.
     #[must_use]
     pub fn verify(&self, picture: &GreyPicture, expected: &ExpectedTag) -> Option<FoundTag> {
+        // A prediction may be anything; a tag that is seen lies in the picture.
+        let extent = [picture.width() as f64, picture.height() as f64];
+        let inside = |corner: &[f64; 2]| (0..2).all(|axis| (-4.0..extent[axis] + 4.0).contains(&corner[axis]));
+        if !expected.corners.iter().all(inside) {
+            return None;
+        }
         let book = Codebook::of(expected.dictionary);
         let mut reader = reading::Reader::default();
         let shades = [book.bright_inside, !book.bright_inside];
