@@ -69,6 +69,7 @@ fn the_report_has_all_its_parts_and_needs_no_network() {
             && own.contains("name=\"viewport\"")
             && own.contains("class=\"verdict good\"")
     );
+    assert!(own.contains("Standard deviations in two ways") && own.contains("times the variance of independent ones"));
     // Every control has a label.
     for id in ["stop", "swell", "stretch", "camera"] {
         assert!(own.contains(&format!("id=\"{id}\"")) && own.contains(&format!("<label for=\"{id}\"")), "{id}");

@@ -203,6 +203,7 @@ pub(super) fn poses(input: &ReportInput<'_>) -> String {
             "<p class=\"note\">{fixed} more were given and are not listed. ? = not determined.</p>"
         ));
     }
+    html.push_str(&two_ways(input));
     if let Some(parameters) = input.findings.get("parameters").and_then(Value::as_object) {
         let mut rows = Vec::new();
         for (block, entries) in parameters {
@@ -222,6 +223,47 @@ pub(super) fn poses(input: &ReportInput<'_>) -> String {
             &rows,
         ));
     }
+    html
+}
+
+/// The standard deviations of each pose in both ways, and what the residuals show of shared errors.
+fn two_ways(input: &ReportInput<'_>) -> String {
+    let Some(poses) = input.findings.get("poses").and_then(Value::as_object) else { return String::new() };
+    let both = |pose: &Value, what: &str, decimals: usize| -> Vec<String> {
+        let [one, other] =
+            ["information", "clusters"].map(|way| list(pose.get(format!("{way}_sigma_{what}")), decimals));
+        one.iter().zip(&other).map(|(one, other)| format!("{one} / {other}")).collect()
+    };
+    let found = poses.iter().filter(|(_, pose)| text(pose.get("kind")) != "fixed");
+    let rows: Vec<Vec<String>> = found
+        .map(|(key, pose)| {
+            let mut row = vec![key.clone()];
+            row.extend(both(pose, "xyz_mm", 3));
+            row.extend(both(pose, "rotvec_deg", 4));
+            row
+        })
+        .collect();
+    let header =
+        ["parent_from_child", "x, mm", "y, mm", "z, mm", "rotation x, deg", "rotation y, deg", "rotation z, deg"];
+    let mut html = table("Standard deviations in two ways: independent / shared errors", &header, &rows);
+    let shared = input.findings.get("fit").and_then(|fit| fit.get("shared_errors"));
+    let mut words = Vec::new();
+    for (key, whose) in
+        [("by_configuration", "of one configuration"), ("by_corner", "of one corner seen again and again")]
+    {
+        let scatter = shared.and_then(|shared| shared.get(key));
+        let shown = scatter.and_then(|scatter| scatter.get("shown")).and_then(Value::as_bool) == Some(true);
+        let ratio = number(scatter.and_then(|scatter| scatter.get("variance_ratio")), 1);
+        words.push(format!(
+            "Errors {whose}: {ratio} times the variance of independent ones, {}.",
+            if shown { "more than chance" } else { "no more than chance" }
+        ));
+    }
+    html.push_str(&format!(
+        "<p class=\"note\">The first takes each corner for an independent fact, the second each configuration, and each corner that stands still, for one. \
+         The table above has the first unless errors are shared, and then the larger. {}</p>",
+        words.join(" ")
+    ));
     html
 }
 
