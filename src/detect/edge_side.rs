@@ -290,7 +290,27 @@ fn pixel_noise(stations: &Stations) -> Option<f64> {
 fn whole_numbers(low: f64, high: f64, extent: usize) -> std::ops::Range<usize> {
     // Conversion to integers cuts towards zero and saturates, so that NaN and far-away places give an empty range.
     let first = low.max(0.0) as usize;
-    let first = if (first as f64) < low { first + 1 } else { first };
-    let end = if high < 0.0 { 0 } else { (high as usize).saturating_add(1) };
+    let first = if (first as f64) < low { first.saturating_add(1) } else { first };
+    let end = if high >= 0.0 { (high as usize).saturating_add(1) } else { 0 };
     first..end.min(extent)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::whole_numbers;
+
+    #[test]
+    fn a_side_may_lie_anywhere() {
+        assert_eq!(whole_numbers(1.5, 3.5, 10), 2..4);
+        assert_eq!(whole_numbers(-3.0, 20.0, 10), 0..10);
+        for (low, high) in [
+            (1e30, 2e30),
+            (f64::NAN, f64::NAN),
+            (-2e30, -1e30),
+            (-f64::INFINITY, f64::NEG_INFINITY),
+            (1e30, f64::INFINITY),
+        ] {
+            assert!(whole_numbers(low, high, 10).is_empty(), "{low} to {high}");
+        }
+    }
 }
