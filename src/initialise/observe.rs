@@ -122,13 +122,34 @@ fn picture_candidates(
     // Shots of a symmetric board may be numbered differently from each other: the first speaks for all.
     let range = if board_of(layout, tree, group).is_some() { shots[0].clone() } else { range };
     let (mut points, mut image) = (Vec::new(), Vec::new());
-    for i in range {
-        if let Ok(ideal) = intrinsics.undistort(&Vector2::from(m.corner_pixels[i])) {
-            points.push(Vector3::from(m.corner_points[i]));
+    for (point, pixel) in means(&m.corner_points[range.clone()], &m.corner_pixels[range]) {
+        if let Ok(ideal) = intrinsics.undistort(&pixel) {
+            points.push(point);
             image.push(ideal);
         }
     }
     robust_poses_from_points(&points, &image).into_iter().map(|candidate| candidate.pose).collect()
+}
+
+/// Every different point with the mean of its pixels: several shots from one place show it at one pixel but for noise.
+fn means(points: &[[f64; 3]], pixels: &[[f64; 2]]) -> Vec<(Vector3<f64>, Vector2<f64>)> {
+    let mut sums: Vec<([f64; 3], [f64; 2], f64)> = Vec::new();
+    let mut next = 0;
+    for (point, pixel) in points.iter().zip(pixels) {
+        // Shots list their corners in the same order.
+        let place = match sums.get(next) {
+            Some((known, ..)) if known == point => next,
+            _ => sums.iter().position(|(known, ..)| known == point).unwrap_or_else(|| {
+                sums.push((*point, [0.0; 2], 0.0));
+                sums.len() - 1
+            }),
+        };
+        let (_, sum, count) = &mut sums[place];
+        *sum = [sum[0] + pixel[0], sum[1] + pixel[1]];
+        *count += 1.0;
+        next = place + 1;
+    }
+    sums.into_iter().map(|(point, sum, count)| (point.into(), Vector2::from(sum) / count)).collect()
 }
 
 /// The corners of a block, shot by shot.

@@ -3,8 +3,8 @@
 use std::io::Write;
 use std::path::Path;
 
-use super::atomic;
 use super::table::Table;
+use super::{atomic, swift};
 use crate::complaint::InputError;
 use crate::geometry::{Feature, TargetGeometry};
 use crate::layout::Layout;
@@ -36,14 +36,22 @@ impl CornerRow {
     }
 }
 
-const COLUMNS: [&str; 8] = ["configuration", "shot", "camera", "target", "tag", "corner", "u", "v"];
-const COVARIANCE: [&str; 3] = ["suu", "suv", "svv"];
+pub(super) const COLUMNS: [&str; 8] = ["configuration", "shot", "camera", "target", "tag", "corner", "u", "v"];
+pub(super) const COVARIANCE: [&str; 3] = ["suu", "suv", "svv"];
 
 /// Reads a file of corners, sorted by [`CornerRow::key`].
 ///
 /// # Errors
 /// Faults of the file; names, tags or corners that the layout does not have; a covariance that is not positive definite; a corner given twice.
 pub fn read_detections(path: &Path, layout: &Layout) -> Result<Vec<CornerRow>, InputError> {
+    if let Some(rows) = std::fs::read(path).ok().and_then(|bytes| swift::read(&bytes, layout)) {
+        return Ok(rows);
+    }
+    read_carefully(path, layout)
+}
+
+/// The reader that knows what is wrong with a file and where.
+fn read_carefully(path: &Path, layout: &Layout) -> Result<Vec<CornerRow>, InputError> {
     let mut table = Table::open(path, &COLUMNS)?;
     let [configuration, shot, camera, target, tag, corner, u, v] = table.columns(COLUMNS);
     let covariance = table.column("suu").map(|_| table.columns(COVARIANCE));
@@ -106,7 +114,7 @@ pub fn read_detections(path: &Path, layout: &Layout) -> Result<Vec<CornerRow>, I
     Ok(rows.into_iter().map(|(row, _)| row).collect())
 }
 
-fn feature_of(geometry: &TargetGeometry, tag: &str, corner: u64) -> Option<Feature> {
+pub(super) fn feature_of(geometry: &TargetGeometry, tag: &str, corner: u64) -> Option<Feature> {
     match geometry {
         TargetGeometry::None => None,
         TargetGeometry::Tags(_) => Some(Feature::TagCorner(tag.parse().ok()?, u8::try_from(corner).ok()?)),
@@ -155,5 +163,76 @@ fn write_row(out: &mut dyn Write, layout: &Layout, row: &CornerRow, decimals: us
     match row.covariance {
         Some([suu, suv, svv]) => writeln!(out, "{suu:.4e},{suv:.4e},{svv:.4e}"),
         None => writeln!(out, ",,"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LAYOUT: &str = "
+cellmap: 1
+units: {length: m, angle: deg}
+world: table
+cameras:
+  left: {intrinsics: {model: pinhole, size: [640, 480], focal: [500, 500], centre: [320, 240]}}
+  blind: {pose: {xyz: [0, 0, 0], rpy: [0, 0, 0]}}
+targets:
+  board: {checkerboard: {corners: [3, 2], square: 0.02}}
+  cube: {tags: {dictionary: 4x4_50, grid: {columns: 2, rows: 1, size: 0.05, gap: 0.01, first_id: 7}}}
+  tip: {points: {end: [0, 0, 0.1]}}
+";
+
+    /// Files that the quick reader takes, and what it must refuse: both readers must agree on all of them.
+    #[test]
+    fn the_quick_reader_agrees_with_the_careful_one_or_refuses() {
+        let layout = crate::layout::parse_layout(Path::new("layout.yaml"), LAYOUT, None).unwrap();
+        let header = "configuration,shot,camera,target,tag,corner,u,v,suu,suv,svv";
+        let good = [
+            "2,0,left,cube,8,3,1.25,-3.5e1,0.1,0.01,0.2",
+            "1,0,left,board,,5,10.12345678901234567890,20,,,",
+            "1,1,left,tip,end,0,100.0000,200.1234,1.0000e-2,0.0000e0,1.0000e-2",
+            "1,0,left,cube,7,0,1,2,,,",
+        ];
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("detections.csv");
+        let both = |text: String| {
+            std::fs::write(&path, &text).unwrap();
+            (swift::read(text.as_bytes(), &layout), read_carefully(&path, &layout))
+        };
+        for end in ["\n", "\r\n"] {
+            let (quick, careful) = both(format!("{header}{end}{}{end}", good.join(end)));
+            assert_eq!(quick.unwrap(), careful.unwrap());
+        }
+        let (quick, careful) =
+            both("v,u,corner,tag,target,camera,shot,configuration,extra\n2,1,0,7,cube,left,0,1,x".into());
+        assert_eq!(quick.unwrap(), careful.unwrap());
+        let bad = [
+            "1,0,left,board,,6,1,2,,,",
+            "1,0,left,board,0,1,1,2,,,",
+            "1,0,right,board,,1,1,2,,,",
+            "1,0,blind,board,,1,1,2,,,",
+            "1,0,left,plate,,1,1,2,,,",
+            "1,0,left,cube,9,1,1,2,,,",
+            "1,0,left,cube,8,4,1,2,,,",
+            "1,0,left,tip,end,1,1,2,,,",
+            "-1,0,left,board,,1,1,2,,,",
+            "1,0,left,board,,1,nan,2,,,",
+            "1,0,left,board,,1,1,inf,,,",
+            "1,0,left,board,,1,,2,,,",
+            "1,0,left,board,,1,1,2,1,2,1",
+            "1,0,left,board,,1,1,2,1,,1",
+            "1,0,left,board,,1,1,2",
+            "1,0,left,board,,5,1,2,,,",
+        ];
+        for line in bad {
+            let (quick, careful) = both(format!("{header}\n{}\n{line}\n", good.join("\n")));
+            assert!(quick.is_none() && careful.is_err(), "{line}");
+        }
+        // Unusual but sound: left to the careful reader.
+        for line in ["3,0,\"left\",board,,1,1,2,,,", "3,0, left,board,,1,1,2,,,", "+3,0,left,board,,1,1,2,,,"] {
+            let (quick, careful) = both(format!("{header}\n{line}\n"));
+            assert!(quick.is_none() && careful.is_ok(), "{line}");
+        }
     }
 }

@@ -7,6 +7,7 @@
 pub mod atomic;
 pub mod detections;
 pub mod motion;
+mod swift;
 pub mod table;
 pub mod targets;
 pub mod write;
@@ -207,6 +208,9 @@ impl Recording {
 
 /// Sorts rows that came from several files; says whether two are of the same thing.
 fn merge<T>(rows: &mut [T], order: impl Fn(&T, &T) -> std::cmp::Ordering) -> bool {
+    if rows.windows(2).all(|pair| order(&pair[0], &pair[1]).is_lt()) {
+        return false;
+    }
     rows.sort_by(&order);
     rows.windows(2).any(|pair| order(&pair[0], &pair[1]).is_eq())
 }

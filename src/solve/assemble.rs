@@ -64,6 +64,7 @@ pub(super) struct Scratch {
 pub struct Assembler<'a> {
     pub(super) plan: &'a Plan,
     loss: Loss,
+    curved: bool,
     arch: Arch,
     pub(super) lens_models: Vec<LensModel>,
     pub(super) robots: Vec<RobotData<'a>>,
@@ -87,6 +88,7 @@ impl<'a> Assembler<'a> {
         let mut assembler = Self {
             plan,
             loss: plan.settings.loss.into(),
+            curved: false,
             arch: Arch::new(),
             lens_models: layout.cameras.iter().map(|camera| model(&camera.intrinsics)).collect(),
             robots: robot_data(layout, recording, plan),
@@ -108,6 +110,11 @@ impl<'a> Assembler<'a> {
     /// Sets the loss, for a first pass that is more forgiving than the layout asks for.
     pub fn set_loss(&mut self, loss: Loss) {
         self.loss = loss;
+    }
+
+    /// Whether linearisations from now on take in the curvature of the loss beside its weights: quicker near a minimum, slower far from it.
+    pub(super) fn set_curved(&mut self, curved: bool) {
+        self.curved = curved;
     }
 
     fn cut_units(&self) -> Vec<Unit> {
@@ -259,10 +266,14 @@ impl<'a> Assembler<'a> {
         let range = block.start..block.end;
         match group.kind {
             GroupKind::Corners { camera } => self.view(camera, block, pose, state).condense(self.arch, free, out),
-            GroupKind::Poses => kernels::condense_poses(&m.poses[range], pose, s.pose_sigma, self.loss, out),
-            GroupKind::Points => kernels::condense_points(&m.points[range], pose, s.point_sigma, self.loss, out),
+            GroupKind::Poses => {
+                kernels::condense_poses(&m.poses[range], pose, s.pose_sigma, (self.loss, self.curved), out)
+            }
+            GroupKind::Points => {
+                kernels::condense_points(&m.points[range], pose, s.point_sigma, (self.loss, self.curved), out)
+            }
             GroupKind::Contacts => {
-                kernels::condense_contacts(&m.contacts[range], pose, s.contact_sigma, self.loss, out)
+                kernels::condense_contacts(&m.contacts[range], pose, s.contact_sigma, (self.loss, self.curved), out)
             }
         }
     }
@@ -286,6 +297,7 @@ impl<'a> Assembler<'a> {
             model: self.lens_models[camera],
             lens: &state.lenses[camera],
             loss: self.loss,
+            curved: self.curved && self.loss != Loss::Squared,
         }
     }
 

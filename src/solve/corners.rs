@@ -1,7 +1,8 @@
 //! Condensing corners, a register of points at a time.
 //!
 //! With `J` (2 x unknowns) the derivative of a point's pixel, `A = sum w W^T W` and `g = sum w W^T W d` over its observations (whitener `W`,
-//! difference `d` from the measured pixel, robust weight `w`), the point adds `J^T A J` and `J^T g` to the block's matrix. `A` and `g` cost little
+//! difference `d` from the measured pixel, robust weight `w`; under a robust loss `A` has the loss' own curvature too, see
+//! [`super::loss::Loss::weight_and_bend`]), the point adds `J^T A J` and `J^T g` to the block's matrix. `A` and `g` cost little
 //! for each picture; `J` and the products are formed once a point.
 
 use pulp::{Arch, Simd, WithSimd};
@@ -35,6 +36,8 @@ pub(super) struct View<'a> {
     pub(super) model: crate::geometry::LensModel,
     pub(super) lens: &'a [f64; MAX_PARAMETERS],
     pub(super) loss: Loss,
+    /// Whether the loss' own curvature counts, see [`Loss::weight_and_bend`].
+    pub(super) curved: bool,
 }
 
 impl View<'_> {
@@ -84,9 +87,13 @@ impl<L: LensLanes, const W: usize> WithSimd for Condense<'_, '_, L, W> {
                 let (ru, rv) = (a * d[0], b.times_plus(d[0], c * d[1]));
                 let counts = view.count(simd, register, a);
                 let squared = at.seen.choose(ru.times_plus(ru, rv * rv), zero);
-                let weight = at.seen.choose(robust.add(squared), zero);
+                let (weight, bend) = robust.add(squared);
+                let (weight, bend) = (at.seen.choose(weight, zero), at.seen.choose(bend, zero));
                 robust.hide(at.seen.choose(zero, counts));
                 total.add(weight, [a, b, c], [ru, rv], squared);
+                if view.curved {
+                    total.bend(bend, [a.times_plus(ru, b * rv), c * rv]);
+                }
             }
             first = end as usize;
             let (mut u, mut v) = ([zero; W], [zero; W]);
@@ -235,6 +242,15 @@ impl<S: Simd> Total<S> {
         self.squared = weight.times_plus(squared, self.squared);
     }
 
+    /// Adds the loss' own curvature along the residual.
+    #[inline(always)]
+    fn bend(&mut self, bend: Lanes<S>, [gu, gv]: [Lanes<S>; 2]) {
+        let (bu, bv) = (bend * gu, bend * gv);
+        self.weight[0] = bu.times_plus(gu, self.weight[0]);
+        self.weight[1] = bu.times_plus(gv, self.weight[1]);
+        self.weight[2] = bv.times_plus(gv, self.weight[2]);
+    }
+
     /// Adds `[J g]`'s products to the block's sums; `u` and `v` are the rows of `J`, their last place is spare.
     #[inline(always)]
     fn spread<const W: usize>(&self, u: &[Lanes<S>; W], v: &[Lanes<S>; W], sums: &mut [[Lanes<S>; W]; W]) {
@@ -278,23 +294,24 @@ impl<S: Simd> Robust<S> {
         Self { loss, simd, sum: zero, hidden: zero, product: zero, factors: 0 }
     }
 
-    /// Adds a register of squared residuals; returns their weights.
+    /// Adds a register of squared residuals; returns [`Loss::weight_and_bend`] of each.
     #[inline(always)]
-    fn add(&mut self, s: Lanes<S>) -> Lanes<S> {
+    fn add(&mut self, s: Lanes<S>) -> (Lanes<S>, Lanes<S>) {
         let simd = self.simd;
         let n = |value: f64| Lanes::splat(simd, value);
         match self.loss {
             Loss::Squared => {
                 self.sum += s;
-                n(1.0)
+                (n(1.0), n(0.0))
             }
             Loss::Huber(k) => {
                 let far = n(k * k).less(s);
                 let r = s.root();
                 // Away from zero, where the division is not used.
-                let weight = n(k).over(r.max(n(k)));
+                let reach = r.max(n(k));
+                let weight = n(k).over(reach);
                 self.sum += far.choose(r.times_plus(n(2.0 * k), n(-k * k)), s);
-                far.choose(weight, n(1.0))
+                (far.choose(weight, n(1.0)), far.choose(-weight.over(reach * reach), n(0.0)))
             }
             Loss::Cauchy(k) => {
                 let t = s * n(1.0 / (k * k));
@@ -303,7 +320,9 @@ impl<S: Simd> Robust<S> {
                 if self.factors == FACTORS {
                     self.flush(k);
                 }
-                n(1.0).over(t + n(1.0))
+                let weight = n(1.0).over(t + n(1.0));
+                let full = n(-2.0 / (k * k)) * weight * weight;
+                (weight, full.max(-weight.over(s.max(n(f64::MIN_POSITIVE)))))
             }
             Loss::Tukey(k) => {
                 let u = s * n(1.0 / (k * k));
@@ -313,7 +332,9 @@ impl<S: Simd> Robust<S> {
                 // A residual that is no number stays one: it is on neither side of the limit.
                 let beyond = n(1.0).less(u).choose(n(k * k / 3.0), inside);
                 self.sum += near.choose(inside, beyond);
-                near.choose(rest * rest, n(0.0))
+                let weight = near.choose(rest * rest, n(0.0));
+                let full = near.choose(n(-4.0 / (k * k)) * rest, n(0.0));
+                (weight, full.max(-weight.over(s.max(n(f64::MIN_POSITIVE)))))
             }
         }
     }

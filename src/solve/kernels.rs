@@ -35,11 +35,22 @@ impl Default for Condensed {
     }
 }
 
-/// Adds one group of rows `r = [J | residual]` under a common robust weight.
-fn add_rows<const N: usize>(rows: &[[f64; 7]; N], loss: Loss, out: &mut Condensed) {
+/// A loss, and whether its own curvature counts beside its weights.
+pub type Robust = (Loss, bool);
+
+/// Adds one group of rows `r = [J | residual]` under a common robust loss; see [`Loss::weight_and_bend`].
+fn add_rows<const N: usize>(rows: &[[f64; 7]; N], (loss, curved): Robust, out: &mut Condensed) {
     let squared: f64 = rows.iter().map(|row| row[6] * row[6]).sum();
-    let (rho, weight) = loss.evaluate(squared);
-    out.cost += 0.5 * rho;
+    let (weight, bend) = loss.weight_and_bend(squared);
+    out.cost += 0.5 * loss.evaluate(squared).0;
+    if curved && bend != 0.0 {
+        let along: [f64; 6] = std::array::from_fn(|i| rows.iter().map(|row| row[i] * row[6]).sum());
+        for i in 0..6 {
+            for j in i..6 {
+                out.matrix[i][j] += bend * along[i] * along[j];
+            }
+        }
+    }
     for row in rows {
         for i in 0..7 {
             for j in i..7 {
@@ -57,7 +68,7 @@ pub fn pose_residuals(measured: &Pose, pose: &Pose, sigma: [f64; 2]) -> (Vector3
 }
 
 /// Adds measured poses. The translation and the rotation are robust apart from each other: a flipped tag is right about where it is.
-pub fn condense_poses(measured: &[Option<Pose>], pose: &Pose, sigma: [f64; 2], loss: Loss, out: &mut Condensed) {
+pub fn condense_poses(measured: &[Option<Pose>], pose: &Pose, sigma: [f64; 2], robust: Robust, out: &mut Condensed) {
     reset(out);
     let r = pose.rotation_matrix();
     for measured in measured.iter().flatten() {
@@ -71,8 +82,8 @@ pub fn condense_poses(measured: &[Option<Pose>], pose: &Pose, sigma: [f64; 2], l
             let row = slope.row(i) / sigma[1];
             [0.0, 0.0, 0.0, row[0], row[1], row[2], turn[i]]
         });
-        add_rows(&first, loss, out);
-        add_rows(&second, loss, out);
+        add_rows(&first, robust, out);
+        add_rows(&second, robust, out);
     }
 }
 
@@ -104,7 +115,7 @@ pub fn condense_points(
     points: &[Option<(Vector3<f64>, Vector3<f64>)>],
     pose: &Pose,
     sigma: f64,
-    loss: Loss,
+    robust: Robust,
     out: &mut Condensed,
 ) {
     reset(out);
@@ -112,7 +123,7 @@ pub fn condense_points(
     for (place, measured) in points.iter().flatten() {
         let residual = (*pose * *place - measured) / sigma;
         let rows = point_rows(&r, place, sigma);
-        add_rows(&std::array::from_fn::<_, 3, _>(|i| with_residual(rows[i], residual[i])), loss, out);
+        add_rows(&std::array::from_fn::<_, 3, _>(|i| with_residual(rows[i], residual[i])), robust, out);
     }
 }
 
@@ -126,21 +137,27 @@ pub fn point_cost(points: &[Option<(Vector3<f64>, Vector3<f64>)>], pose: &Pose, 
 }
 
 /// Adds contacts: two points at a distance. At distance zero all three coordinates agree; else only the length is known.
-pub fn condense_contacts(contacts: &[Option<Contact>], a_from_b: &Pose, sigma: f64, loss: Loss, out: &mut Condensed) {
+pub fn condense_contacts(
+    contacts: &[Option<Contact>],
+    a_from_b: &Pose,
+    sigma: f64,
+    robust: Robust,
+    out: &mut Condensed,
+) {
     reset(out);
     let r = a_from_b.rotation_matrix();
     for Contact { a: point_a, b: point_b, distance } in contacts.iter().flatten() {
         let apart = *a_from_b * *point_b - point_a;
         let rows = point_rows(&r, point_b, sigma);
         if *distance == 0.0 {
-            add_rows(&std::array::from_fn::<_, 3, _>(|i| with_residual(rows[i], apart[i] / sigma)), loss, out);
+            add_rows(&std::array::from_fn::<_, 3, _>(|i| with_residual(rows[i], apart[i] / sigma)), robust, out);
             continue;
         }
         let length = apart.norm();
         // Two points on top of each other have no direction apart; any will do for one step.
         let direction = if length > 1e-12 { apart / length } else { Vector3::z() };
         let row: [f64; 6] = std::array::from_fn(|c| (0..3).map(|i| direction[i] * rows[i][c]).sum());
-        add_rows(&[with_residual(row, (length - distance) / sigma)], loss, out);
+        add_rows(&[with_residual(row, (length - distance) / sigma)], robust, out);
     }
 }
 

@@ -56,4 +56,22 @@ impl Loss {
             }
         }
     }
+
+    /// The weight `rho'(s)` and the curvature along the residual, `2 rho''(s)`, held so that `rho' + 2 rho'' s` is not negative.
+    ///
+    /// With residual `r` of derivative `J` the second derivative of `rho(|r|^2) / 2`, but for that of `r` itself, is
+    /// `J^T (rho' I + 2 rho'' r r^T) J` (B. Triggs and others, *Bundle Adjustment: A Modern Synthesis*, 2000, section 4.3). Weights alone, as in
+    /// iteratively reweighted least squares, take the loss for stiffer than it is, and converge linearly where this converges quadratically.
+    #[must_use]
+    pub fn weight_and_bend(self, s: f64) -> (f64, f64) {
+        let weight = self.evaluate(s).1;
+        let full = match self {
+            Self::Squared => 0.0,
+            Self::Huber(k) if s <= k * k => 0.0,
+            Self::Huber(k) => -k / (s * s.sqrt()),
+            Self::Cauchy(k) => -2.0 * weight * weight / (k * k),
+            Self::Tukey(k) => -4.0 * (1.0 - s / (k * k)).max(0.0) / (k * k),
+        };
+        (weight, full.max(-weight / s.max(f64::MIN_POSITIVE)))
+    }
 }

@@ -95,6 +95,10 @@ pub struct Report {
     pub initial_cost: f64,
     /// Robust cost at the end.
     pub final_cost: f64,
+    /// Times that the equations were not positive definite or could not be solved to enough digits, and the damping was raised.
+    pub refused: usize,
+    /// Trial steps that did not lower the cost enough, after which the damping was raised.
+    pub rejected: usize,
     /// The cost after every accepted step, first the start: never increasing.
     pub costs: Vec<f64>,
     /// Where the time went.
@@ -109,6 +113,9 @@ const HEAVY: f64 = 1e-2;
 /// An undamped step this small (units) is rounding.
 const ROUNDING: f64 = 1e-4;
 
+/// A step that leaves more than this share of the cost has arrived near the minimum.
+const NEAR: f64 = 0.8;
+
 /// Minimises the robust cost from `state`, in place.
 pub fn minimise(assembler: &mut Assembler<'_>, tree: &FrameTree, state: &mut State, options: &Options) -> Report {
     let n = assembler.plan.unknowns.count;
@@ -120,6 +127,7 @@ pub fn minimise(assembler: &mut Assembler<'_>, tree: &FrameTree, state: &mut Sta
         assembler.linearise(state, normal);
         seconds.linearise += start.elapsed().as_secs_f64();
     };
+    assembler.set_curved(false);
     linearise(assembler, state, &mut normal, &mut seconds);
     let mut cost = normal.cost;
     let mut report = Report {
@@ -127,6 +135,8 @@ pub fn minimise(assembler: &mut Assembler<'_>, tree: &FrameTree, state: &mut Sta
         iterations: 1,
         initial_cost: cost,
         final_cost: cost,
+        refused: 0,
+        rejected: 0,
         costs: vec![cost],
         seconds,
     };
@@ -146,6 +156,7 @@ pub fn minimise(assembler: &mut Assembler<'_>, tree: &FrameTree, state: &mut Sta
         let solved = step.solve(assembler, &normal, &scaling, lambda);
         seconds.factorise += start.elapsed().as_secs_f64();
         if !solved {
+            report.refused += 1;
             lambda = (lambda * growth).max(1e-9);
             growth *= 2.0;
             if lambda > MOST_DAMPING {
@@ -183,6 +194,8 @@ pub fn minimise(assembler: &mut Assembler<'_>, tree: &FrameTree, state: &mut Sta
         // NaN fails the comparison and counts as a rejected step.
         if gain > 1e-4 {
             std::mem::swap(state, &mut trial);
+            // Weights alone are the better guide while most residuals lie beyond the loss' bend, where its curvature vanishes.
+            assembler.set_curved(trial_cost > NEAR * cost);
             cost = trial_cost;
             report.costs.push(cost);
             growth = 4.0;
@@ -202,6 +215,7 @@ pub fn minimise(assembler: &mut Assembler<'_>, tree: &FrameTree, state: &mut Sta
             linearise(assembler, state, &mut normal, &mut seconds);
             report.iterations += 1;
         } else {
+            report.rejected += 1;
             lambda = (lambda * growth).max(1e-9);
             growth *= 2.0;
             if lambda > MOST_DAMPING {
@@ -209,6 +223,7 @@ pub fn minimise(assembler: &mut Assembler<'_>, tree: &FrameTree, state: &mut Sta
             }
         }
     };
+    assembler.set_curved(false);
     report.final_cost = cost;
     report.seconds = seconds;
     report

@@ -13,6 +13,7 @@ mod chain;
 mod corners;
 mod dense;
 mod expand;
+mod gather;
 pub mod kernels;
 mod lanes;
 mod lens_lanes;

@@ -4,9 +4,10 @@
 //! shots of one target by one camera at one configuration are one block with one transform.
 
 use nalgebra::Vector3;
-use std::collections::{BTreeMap, HashMap};
+use std::collections::HashMap;
 use thiserror::Error;
 
+use super::gather::{Gathered, check_motion, gather, seen_unknowns};
 use super::unknowns::Unknowns;
 use crate::frames::{FrameId, FrameTree, Freedom, Path, Step};
 use crate::geometry::Pose;
@@ -189,42 +190,13 @@ pub enum PlanError {
     },
 }
 
-/// Rows of one kind and path while the plan is being made: by configuration, the rows' numbers.
-type Gathering = BTreeMap<(GroupKind, FrameId, FrameId), BTreeMap<u64, Vec<usize>>>;
-
 impl Plan {
     /// Compiles a recording.
     ///
     /// # Errors
     /// [`PlanError::NoMotion`] for a measurement at a configuration where a robot on its path was not recorded.
     pub fn new(layout: &Layout, tree: &FrameTree, recording: &Recording) -> Result<Self, PlanError> {
-        let mut gathered: Gathering = BTreeMap::new();
-        let mut add = |kind, from, to, configuration, row| {
-            gathered.entry((kind, from, to)).or_default().entry(configuration).or_default().push(row);
-        };
-        let mut places = Vec::with_capacity(recording.corners.len());
-        for (row, corner) in recording.corners.iter().enumerate() {
-            let located = tree.locate(layout, corner.target, &corner.feature);
-            let (frame, place) = located.unwrap_or((tree.targets[corner.target], Vector3::zeros()));
-            places.push(place);
-            let camera = corner.camera;
-            add(GroupKind::Corners { camera }, tree.cameras[camera], frame, corner.configuration, row);
-        }
-        for (row, pose) in recording.poses.iter().enumerate() {
-            add(GroupKind::Poses, tree.cameras[pose.camera], tree.targets[pose.target], pose.configuration, row);
-        }
-        for (row, point) in recording.points.iter().enumerate() {
-            let located = tree.locate(layout, point.target, &point.feature);
-            let frame = located.map_or(tree.targets[point.target], |(frame, _)| frame);
-            add(GroupKind::Points, tree.sensors[point.sensor], frame, point.configuration, row);
-        }
-        for (row, contact) in recording.contacts.iter().enumerate() {
-            let [a, b] = [0, 1].map(|i| {
-                let (target, feature) = &contact.points[i];
-                tree.locate(layout, *target, feature).map_or(tree.targets[*target], |(frame, _)| frame)
-            });
-            add(GroupKind::Contacts, a, b, contact.configuration, row);
-        }
+        let Gathered { rows: gathered, located } = gather(layout, tree, recording);
         let mut configurations: Vec<u64> = gathered.values().flat_map(|by| by.keys().copied()).collect();
         configurations.sort_unstable();
         configurations.dedup();
@@ -249,7 +221,7 @@ impl Plan {
             for (configuration, rows) in rows {
                 let start = plan.length(kind);
                 for row in rows {
-                    plan.store(layout, tree, recording, kind, row, &places);
+                    plan.store(layout, tree, recording, kind, row, &located);
                 }
                 let configuration = plan.configurations.binary_search(&configuration).unwrap_or(0);
                 blocks.push(Block { place: count, configuration, start, end: plan.length(kind) });
@@ -277,7 +249,7 @@ impl Plan {
         recording: &Recording,
         kind: GroupKind,
         row: usize,
-        places: &[Vector3<f64>],
+        located: &[(FrameId, Vector3<f64>)],
     ) {
         let m = &mut self.measurements;
         let place = |target: usize, feature| {
@@ -286,7 +258,7 @@ impl Plan {
         match kind {
             GroupKind::Corners { .. } => {
                 let corner = &recording.corners[row];
-                m.corner_points.push(places[row].into());
+                m.corner_points.push(located[row].1.into());
                 m.corner_pixels.push(corner.pixel);
                 m.corner_whiteners.push(whitener(corner.covariance, self.settings.pixel_sigma));
                 m.corner_rows.push(row as u32);
@@ -395,49 +367,4 @@ fn stops(layout: &Layout) -> Vec<Stop> {
         Some(Stop { robot, sigma: PoseSigma { translation: [translation; 3], rotation: [rotation; 3] } })
     };
     layout.robots.iter().enumerate().filter_map(one).collect()
-}
-
-fn check_motion(
-    layout: &Layout,
-    tree: &FrameTree,
-    recording: &Recording,
-    gathered: &Gathering,
-    paths: &[Path],
-) -> Result<(), PlanError> {
-    for (((_, from, _), rows), path) in gathered.iter().zip(paths) {
-        for robot in path.robots() {
-            if let Some(&configuration) = rows.keys().find(|c| !recording.motions[robot].knows(**c)) {
-                return Err(PlanError::NoMotion {
-                    configuration,
-                    sensor: tree.frames[*from].name.clone(),
-                    robot: layout.robots[robot].name.clone(),
-                });
-            }
-        }
-    }
-    Ok(())
-}
-
-/// The unknowns that some measurement or prior speaks of; the others would make every step singular and are reported apart.
-fn seen_unknowns<'a>(
-    layout: &Layout,
-    tree: &FrameTree,
-    groups: impl Iterator<Item = (GroupKind, &'a Path)>,
-) -> Unknowns {
-    let mut edges = vec![false; tree.static_edges.len()];
-    let mut robots = vec![false; layout.robots.len()];
-    let mut lenses = vec![false; layout.cameras.len()];
-    for (kind, path) in groups {
-        if let GroupKind::Corners { camera } = kind {
-            lenses[camera] = true;
-        }
-        for step in &path.steps {
-            match step {
-                Step::Static { edge, .. } => edges[*edge] = true,
-                Step::Robot { robot, .. } => robots[*robot] = true,
-                Step::Moving { .. } => {}
-            }
-        }
-    }
-    Unknowns::new(layout, tree, &edges, &robots, &lenses)
 }

@@ -133,9 +133,11 @@ fn part(evidence: &Evidence<'_>, group: &Group, block: &Block, pose: &Pose, adde
             }
             corners(evidence, camera, range, pose, &mut condensed);
         }
-        GroupKind::Poses => kernels::condense_poses(&m.poses[range], pose, s.pose_sigma, Loss::Squared, &mut condensed),
+        GroupKind::Poses => {
+            kernels::condense_poses(&m.poses[range], pose, s.pose_sigma, (Loss::Squared, false), &mut condensed)
+        }
         GroupKind::Points => {
-            kernels::condense_points(&m.points[range], pose, s.point_sigma, Loss::Squared, &mut condensed)
+            kernels::condense_points(&m.points[range], pose, s.point_sigma, (Loss::Squared, false), &mut condensed)
         }
         GroupKind::Contacts => return None,
     }

@@ -1,0 +1,206 @@
+//! Cells of several sizes for benches: arms that hold a board over cameras that look up, as in [`cellmap::simulate::paper_size`], in any number.
+#![allow(dead_code)]
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use cellmap::frames::{FrameTree, Freedom};
+use cellmap::geometry::pose::Twist;
+use cellmap::geometry::{Pose, rotation};
+use cellmap::layout::{Layout, Motion, parse_layout};
+use cellmap::recording::{Recording, RobotMotion};
+use cellmap::simulate::Disturbances;
+use cellmap::simulate::{Cell, CornerNoise, corners, paper_size};
+use cellmap::solve::{Plan, State};
+use nalgebra::Vector3;
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+/// What a bench solves.
+pub struct Problem {
+    /// What the solver is told: the truth's poses as mere starts.
+    pub layout: Layout,
+    pub recording: Recording,
+    /// The poses of what moves, by moving edge and configuration.
+    pub moving: BTreeMap<(usize, u64), Pose>,
+}
+
+/// How large.
+#[derive(Clone, Copy, Debug)]
+pub struct Size {
+    /// Places where robots share a board's space; the first robot of each is known.
+    pub spaces: usize,
+    /// Robots around each; with none, a board is moved by hand.
+    pub robots: usize,
+    /// Cameras below each.
+    pub cameras: usize,
+    /// Configurations in each.
+    pub stops: u64,
+    pub shots: u64,
+}
+
+/// The sizes by name.
+pub fn size(name: &str) -> Option<Size> {
+    let of = |spaces, robots, cameras, stops, shots| Size { spaces, robots, cameras, stops, shots };
+    Some(match name {
+        "small" => of(1, 1, 1, 25, 10),
+        "paper" => of(1, 1, 3, 250, 10),
+        "single" => of(1, 1, 3, 2500, 1),
+        "cell" => of(1, 3, 6, 2000, 1),
+        "moving" => of(1, 0, 4, 5000, 1),
+        "hall" => of(10, 2, 4, 2500, 1),
+        _ => return None,
+    })
+}
+
+const MIDDLE: [f64; 6] = [0.3, -1.6, 1.7, -1.7, -1.57, 0.2];
+const BOARD: &str = "charuco: {squares: [9, 6], square: 14, marker: 10, dictionary: 6x6_250}";
+/// How far the spaces are apart, m.
+const APART: f64 = 5.0;
+
+fn pose_text(pose: &Pose) -> String {
+    let t = pose.translation * 1e3;
+    let r = rotation::log(&pose.rotation) * 180.0 / std::f64::consts::PI;
+    format!("xyz: [{:?}, {:?}, {:?}], rotvec: [{:?}, {:?}, {:?}]", t.x, t.y, t.z, r.x, r.y, r.z)
+}
+
+/// A problem of a size, with or without free lenses.
+pub fn problem(size: Size, refine: bool) -> Problem {
+    let paper = parse_layout(Path::new("paper.yaml"), &paper_size::truth(), None).expect("the layout is fine");
+    let tree = FrameTree::new(&paper);
+    let pose_of = |key: &str| {
+        let edge = tree.static_edges.iter().find(|edge| edge.key == key).expect("the layout has it");
+        edge.spec.pose().expect("the layout says where")
+    };
+    let Motion::Joints { chain, .. } = &paper.robots[0].motion else { panic!("the paper's robot has joints") };
+    let flange = chain.base_from_flange(&MIDDLE);
+    let board = flange * pose_of("board");
+    let centre = Vector3::new(board.translation.x, board.translation.y, 0.0);
+    // A turn about the vertical through the middle of the board's space.
+    let about = |angle: f64| {
+        let turn = Pose::from_rotation_vector(&Vector3::new(0.0, 0.0, angle));
+        Pose::from_translation(centre.x, centre.y, 0.0) * turn * Pose::from_translation(-centre.x, -centre.y, 0.0)
+    };
+    let mut text = String::from("cellmap: 1\nunits: {length: mm, angle: deg}\nworld: hall\ncameras:\n");
+    let lens = "{model: brown, size: [1280, 720], focal: [920, 919], centre: [640.2, 359.7], distortion: [0.05, -0.1, 0.0005, -0.0003, 0.01]}";
+    let refine = if refine { "refine: [focal, centre, distortion], " } else { "" };
+    let space_at = |space: usize| Pose::from_translation(APART * space as f64, 0.0, 0.0);
+    for space in 0..size.spaces {
+        for camera in 0..size.cameras {
+            let own = pose_of(["cam1", "cam2", "cam3"][camera % 3]);
+            let pose = space_at(space) * about((camera / 3) as f64 * 1.1) * own;
+            // A board that is moved by hand shows only how cameras stand to each other: one of them is known.
+            let known = if size.robots == 0 && camera == 0 { "" } else { ", start: true" };
+            text += &format!(
+                "  eye{space}_{camera}: {{intrinsics: {lens}, {refine}pose: {{{}{known}}}}}\n",
+                pose_text(&pose)
+            );
+        }
+    }
+    let mut robots = Vec::new();
+    for space in 0..size.spaces {
+        for robot in 0..size.robots {
+            robots.push(space);
+            if robot == 0 && space == 0 {
+                text += "robots:\n";
+            }
+            let pose = space_at(space) * about(robot as f64 * 2.1);
+            let known = if robot == 0 { "" } else { ", start: true" };
+            text += &format!(
+                "  arm{space}_{robot}: {{model: ur3, joints: joints.csv, pose: {{{}{known}}}}}\n",
+                pose_text(&pose)
+            );
+        }
+    }
+    text += "targets:\n";
+    if size.robots == 0 {
+        text += &format!("  board: {{{BOARD}, moves: true}}\n");
+    }
+    for (index, space) in robots.iter().enumerate() {
+        let robot = index - space * size.robots;
+        text += &format!(
+            "  board{space}_{robot}: {{{BOARD}, mount: arm{space}_{robot}.flange, pose: {{{}, start: true}}}}\n",
+            pose_text(&pose_of("board"))
+        );
+    }
+    text += "solve: {loss: squared, pixel_sigma: 0.1}\n";
+    let layout = parse_layout(Path::new("layout.yaml"), &text, None).unwrap_or_else(|e| panic!("{e}\n{text}"));
+    let (recording, moving) = record(&layout, size, &board, &robots);
+    Problem { layout, recording, moving }
+}
+
+fn record(layout: &Layout, size: Size, board: &Pose, robots: &[usize]) -> (Recording, BTreeMap<(usize, u64), Pose>) {
+    let mut random = ChaCha8Rng::seed_from_u64(7500);
+    let mut joints: Vec<BTreeMap<u64, Vec<f64>>> = vec![BTreeMap::new(); robots.len()];
+    let mut moving = BTreeMap::new();
+    let mut id = 0;
+    for space in 0..size.spaces {
+        for stop in 0..size.stops {
+            id += 1;
+            let mut stray = |reach: f64| random.random_range(-reach..reach);
+            if size.robots == 0 {
+                let d: [f64; 6] = std::array::from_fn(|i| stray(if i < 3 { 0.1 } else { 0.4 }));
+                moving.insert((0, id), *board * Pose::exp(&Twist::from(d)));
+            } else {
+                // They take turns.
+                let robot = space * size.robots + (stop as usize) % size.robots;
+                joints[robot].insert(id, MIDDLE.iter().map(|q| q + stray(0.35)).collect());
+            }
+        }
+    }
+    let motions = joints.into_iter().map(RobotMotion::Joints).collect();
+    let mut recording = Recording { motions, ..Recording::default() };
+    let shadow = recording.clone();
+    let mut cell = Cell::new(layout, &shadow);
+    cell.disturbances = Disturbances { moving: moving.clone(), ..Disturbances::default() };
+    let ids: Vec<u64> = (1..=id).collect();
+    for shot in 0..size.shots {
+        let rows = corners(&cell, &ids, CornerNoise { pixel_sigma: 0.1, seed: 1 + shot });
+        recording.corners.extend(rows.into_iter().map(|mut row| {
+            row.shot = shot;
+            row
+        }));
+    }
+    // Spaces are far apart, but a camera's far view has no end: what a camera of another space sees of a board is left out.
+    recording.corners.retain(|row| {
+        let of_camera = row.camera / size.cameras;
+        size.robots == 0 || row.target / size.robots == of_camera
+    });
+    recording.corners.sort_by(|a, b| a.key().cmp(&b.key()));
+    (recording, moving)
+}
+
+/// A direction that depends on a number.
+fn direction(number: f64) -> Vector3<f64> {
+    Vector3::new(number.sin(), (1.7 * number).cos(), (2.3 * number).sin()).normalize()
+}
+
+fn displaced(pose: &Pose, number: f64) -> Pose {
+    let (t, r) = (0.05 * direction(number + 0.3), 3f64.to_radians() * direction(number + 1.1));
+    *pose * Pose::exp(&Twist::new(t.x, t.y, t.z, r.x, r.y, r.z))
+}
+
+/// Every unknown pose 50 mm and 3 degrees from the truth.
+pub fn wrong_start(problem: &Problem, tree: &FrameTree, plan: &Plan) -> State {
+    let layout = &problem.layout;
+    let pose = |(i, edge): (usize, &cellmap::frames::StaticEdge)| {
+        let truth = edge.spec.pose().unwrap_or_default();
+        if edge.freedom == Freedom::Pose { displaced(&truth, i as f64) } else { truth }
+    };
+    let moving = |edge: usize| {
+        let one = |(i, id): (usize, &u64)| {
+            problem.moving.get(&(edge, *id)).map_or(Pose::identity(), |truth| displaced(truth, i as f64))
+        };
+        plan.configurations.iter().enumerate().map(one).collect()
+    };
+    State {
+        static_poses: tree.static_edges.iter().enumerate().map(pose).collect(),
+        moving_poses: (0..tree.moving_edges.len()).map(moving).collect(),
+        corrections: layout.robots.iter().map(|_| Vec::new()).collect(),
+        lenses: layout
+            .cameras
+            .iter()
+            .map(|c| c.intrinsics.as_ref().map_or([0.0; 12], |lens| *lens.parameters()))
+            .collect(),
+    }
+}
