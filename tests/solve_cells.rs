@@ -6,6 +6,7 @@ mod cells;
 use cellmap::geometry::Pose;
 use cellmap::recording::{PointRow, PoseRow, Recording, RobotMotion};
 use cellmap::simulate::Cell;
+use cellmap::trust::{Action, FaultKind};
 use cells::{hidden, layout, record, solve, true_pose, two_robot_motion, two_robot_truth};
 
 /// Every pose that was found against the truth: (key, metres, radians).
@@ -452,9 +453,12 @@ fn a_wrong_tag_size_is_not_called_a_good_answer() {
     let wrong = hidden(cells::TWO_ROBOTS).replace("size: 90, gap: 20", "size: 80, gap: 20");
     let solved = solve(layout(&wrong), &recording);
     assert!(!solved.trustworthy());
-    let doubts = solved.doubts().join("\n");
-    assert!(doubts.contains("measurements do not fit the rest, most of all those of `"), "{doubts}");
-    assert!(doubts.contains("check sizes and geometry of the targets"), "{doubts}");
+    // It is not merely doubted but named: the pattern is a tenth larger than it was said to be.
+    let size = solved.faults.iter().find(|fault| fault.kind == FaultKind::WrongSize);
+    let size = size.unwrap_or_else(|| panic!("{:?}", solved.faults));
+    assert_eq!(size.action, Action::Refused);
+    assert!(size.what.contains("`table_board` measures 88."), "{}", size.what);
+    assert!(size.remedy.contains("correct its size in the layout"), "{}", size.remedy);
     let counted: usize = solved.tallies.iter().map(|t| t.accepted + t.rejected).sum();
     assert_eq!(counted, recording.corners.len());
 }

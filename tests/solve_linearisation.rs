@@ -249,7 +249,7 @@ targets:
         let n = plan.unknowns.count;
         let (mut hessian, mut gradient, mut cost) = (vec![0.0; n * n], vec![0.0; n], 0.0);
         let edge = |key: &str| tree.static_edges.iter().position(|edge| edge.key == key).unwrap();
-        let (eye, plate) = (edge("eye"), edge("plate"));
+        let (eye, plate) = (edge("world_from_eye"), edge("world_from_plate"));
         let column = |edge: usize| plan.unknowns.blocks[plan.unknowns.edge(edge).unwrap()].start;
         let (at_eye, at_plate) = (column(eye), column(plate));
         let at_lens = plan.unknowns.blocks[plan.unknowns.lens(0).unwrap()].start;

@@ -139,8 +139,9 @@ fn residuals(input: &ReportInput<'_>) -> Vec<Value> {
             let rest = |axis: usize| -> Vec<Value> { shown.iter().map(|(_, d)| round(d[axis], 3)).collect() };
             let mut sorted: Vec<f64> = rows.iter().flat_map(|(_, d)| d.map(f64::abs)).collect();
             sorted.sort_by(f64::total_cmp);
-            // Wide enough for all but one in five hundred.
-            let reach = sorted.get(sorted.len() * 998 / 1000).copied().unwrap_or(1.0).max(1e-6);
+            // Wide enough for all but one in five hundred, in whole micropixels: a solution that was written and read again has the same bins.
+            let reach = sorted.get(sorted.len() * 998 / 1000).copied().unwrap_or(1.0);
+            let reach = (reach * 1e6).ceil().max(1.0) / 1e6;
             let width = 2.0 * reach / BINS as f64;
             let histogram = |axis: usize| {
                 let mut bins = vec![0u64; BINS];

@@ -169,7 +169,7 @@ fn directions(all: &[Value]) -> String {
 /// Poses with their standard deviations.
 pub(super) fn poses(input: &ReportInput<'_>) -> String {
     let Some(poses) = input.findings.get("poses").and_then(Value::as_object) else { return String::new() };
-    let (mut rows, mut sources): (Vec<Vec<String>>, Vec<Vec<String>>) = (Vec::new(), Vec::new());
+    let mut rows = Vec::new();
     let mut fixed = 0;
     for (key, pose) in poses {
         if text(pose.get("kind")) == "fixed" {
@@ -182,22 +182,10 @@ pub(super) fn poses(input: &ReportInput<'_>) -> String {
         row.extend(xyz.iter().zip(&sxyz).map(|(v, s)| format!("{v} \u{b1} {s}")));
         row.extend(turn.iter().zip(&sturn).map(|(v, s)| format!("{v} \u{b1} {s}")));
         rows.push(row);
-        for (source, what) in [("information", "if all errors are independent"), ("clusters", "whatever errors share")]
-        {
-            let translation = list(pose.get(format!("{source}_sigma_xyz_mm")), 3);
-            let rotation = list(pose.get(format!("{source}_sigma_rotvec_deg")), 4);
-            if pose.get(format!("{source}_sigma_xyz_mm")).is_some() {
-                let sigmas = translation.iter().chain(&rotation).map(|s| format!("\u{b1} {s}"));
-                sources.push([format!("{key}, {what}")].into_iter().chain(sigmas).collect());
-            }
-        }
     }
     let header =
         ["parent_from_child", "x, mm", "y, mm", "z, mm", "rotation x, deg", "rotation y, deg", "rotation z, deg"];
     let mut html = table("Poses found, \u{b1} one standard deviation", &header, &rows);
-    if !sources.is_empty() {
-        html.push_str(&table("Both kinds of standard deviation", &header, &sources));
-    }
     if fixed > 0 {
         html.push_str(&format!(
             "<p class=\"note\">{fixed} more were given and are not listed. ? = not determined.</p>"
