@@ -12,7 +12,7 @@ use std::time::Instant;
 use super::measured::{Sight, sights};
 use super::place::Places;
 use super::published::{Boards, boards, samples};
-use super::solve::{Solved, solve_recording};
+use super::solve::{Solved, solve_plain};
 use super::solved_layout::solved_layout;
 use crate::complaint::{Complaint, InputError};
 use crate::frames::{FrameTree, Step};
@@ -120,7 +120,7 @@ pub fn mean(folds: &[Option<Fit>], part: impl Fn(&Fit) -> Option<f64>) -> Option
 pub fn validate(layout: &Layout, request: &ValidateRequest) -> Result<Validated, InputError> {
     let began = Instant::now();
     let recording = Recording::read(layout, request.detections.as_deref())?;
-    let whole = solve_recording(layout.clone(), &recording, &[], Vec::new(), began)?;
+    let whole = solve_plain(layout.clone(), &recording, &[], Vec::new(), began, false)?;
     let configurations = whole.plan.configurations.len();
     if request.folds < 2 || configurations < 2 * request.folds {
         return Err(Complaint::of(
@@ -198,7 +198,7 @@ impl<'a> Validation<'a> {
     }
 
     fn solve(&self, layout: &Layout, recording: &Recording) -> Option<Solved> {
-        solve_recording(layout.clone(), recording, &self.start, Vec::new(), Instant::now()).ok()
+        solve_plain(layout.clone(), recording, &self.start, Vec::new(), Instant::now(), false).ok()
     }
 
     /// How a recording fits a solution: everything that was found is held fixed, and nothing is set aside. Robots stand where their log says.
