@@ -26,8 +26,8 @@ fn two_robots_through_pictures() {
     assert_eq!(poses.len(), 15, "{compared}");
     for (key, pose) in poses {
         assert!(pose["translation_mm"].as_f64().unwrap() < 0.5, "{key}: {pose}");
-        // Of fifteen poses the worst; what all pictures share is not in the sigmas.
-        assert!(pose["within_sigma"].as_f64().unwrap() < 6.0, "{key}: {pose}");
+        // Still things are seen with nearly the same error in every picture, and the standard deviations know it.
+        assert!(pose["within_sigma"].as_f64().unwrap() < 4.0, "{key}: {pose}");
     }
     // Told where tags must be, the detector finds the same.
     let told = ["detect", "cell/layout.yaml", "--predict", "cell/solution.yaml", "--out", "told.csv", "--json"];
