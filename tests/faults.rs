@@ -254,6 +254,67 @@ fn a_log_that_is_late_from_the_middle_or_from_the_beginning() {
     }
 }
 
+/// A recording in which the robot stops at some configurations (nearly) where it stopped at `like`.
+fn nearly_alike(stops: std::ops::RangeInclusive<u64>, like: u64) -> Recording {
+    let mut motions = path();
+    let RobotMotion::Joints(values) = &mut motions[0] else { panic!("joints") };
+    let there = values[&like].clone();
+    for id in stops {
+        // Half a thousandth of a degree a stop: less than can be seen.
+        let turned = there.iter().map(|q| q + (id as f64 * 0.0005_f64).to_radians() / STOPS as f64).collect();
+        values.insert(id, turned);
+    }
+    cells::record(&truth(), motions, 0.05, 19)
+}
+
+#[test]
+fn exchanges_of_what_is_alike_are_not_reported() {
+    let sound = |mut recording: Recording| {
+        let solved = solve(&told(), &mut recording);
+        assert!(solved.faults.is_empty() && solved.trustworthy(), "{:#?}", solved.faults);
+        right(&solved, 1.0);
+    };
+    // Two lines of the log.
+    let mut recording = nearly_alike(11..=11, 6);
+    let values = joints(&mut recording);
+    let (a, b) = (values[&6].clone(), values[&11].clone());
+    values.insert(6, b);
+    values.insert(11, a);
+    sound(recording);
+    // Two pictures.
+    let mut recording = nearly_alike(11..=11, 6);
+    for row in recording.corners.iter_mut().filter(|row| row.camera == 0) {
+        row.configuration = [(6, 11), (11, 6)]
+            .into_iter()
+            .find(|(from, _)| *from == row.configuration)
+            .map_or(row.configuration, |(_, to)| to);
+    }
+    sound(recording);
+    // A log that is late while the robot hardly moves.
+    let mut recording = nearly_alike(18..=STOPS, 17);
+    let values = joints(&mut recording);
+    let right = values.clone();
+    for id in 18..=STOPS {
+        values.insert(id, right[&(id - 1)].clone());
+    }
+    sound(recording);
+}
+
+#[test]
+fn tags_that_are_merely_noisy_have_neither_a_wrong_id_nor_another_order() {
+    let mut recording = clean();
+    for thing in things(&mut recording).into_iter().skip(3).step_by(20) {
+        for (i, row) in thing.into_iter().enumerate() {
+            // Three standard deviations round the tag, as if it were turned a little.
+            let turn = (i as f64 * std::f64::consts::FRAC_PI_2).sin_cos();
+            row.pixel = [row.pixel[0] + 0.1 * turn.0, row.pixel[1] + 0.1 * turn.1];
+        }
+    }
+    let solved = solve(&told(), &mut recording);
+    assert!(solved.faults.is_empty() && solved.trustworthy(), "{:#?}", solved.faults);
+    right(&solved, 1.0);
+}
+
 /// From a configuration on, one thing stands elsewhere.
 fn bumped(name: &str, from: u64, by: Pose) -> Recording {
     let mut moved = truth();
