@@ -21,6 +21,9 @@ use crate::trust::{
 
 /// More than this share of measurements set aside means that the description is wrong, not the measurements.
 const MOST_ASIDE: f64 = 0.1;
+/// Of a camera or a target, more than this share means that its own pose is wrong, where it is this many corners at least.
+const MOST_OF_ONE: f64 = 0.5;
+const SOME_CORNERS: usize = 24;
 
 /// What to solve from, besides the layout.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -106,14 +109,15 @@ impl Solved {
         self.report.termination.converged() && self.undetermined.is_empty() && self.doubts().is_empty() && !refused
     }
 
-    /// What speaks against the answer although it converged: too many measurements that do not fit it.
+    /// What speaks against the answer although it converged: too many measurements that do not fit it, of all or of one camera or target.
     #[must_use]
     pub fn doubts(&self) -> Vec<String> {
         let m = &self.plan.measurements;
         let all = m.corner_rows.len() + m.poses.len() + m.points.len() + m.contacts.len();
         let aside = self.rejected.total() - self.rejected.unplaced;
+        let strangers = self.strangers();
         if aside as f64 <= MOST_ASIDE * all as f64 {
-            return Vec::new();
+            return strangers;
         }
         let share = |t: &Tally| t.rejected as f64 / (t.accepted + t.rejected) as f64;
         let worst = self.tallies.iter().max_by(|a, b| share(a).total_cmp(&share(b)));
@@ -121,10 +125,37 @@ impl Solved {
             let of = t.accepted + t.rejected;
             format!(", most of all those of `{}` by `{}` ({} of {of})", t.target, t.camera, t.rejected)
         });
-        vec![format!(
+        let whole = format!(
             "{aside} of {all} measurements do not fit the rest{whose}: check sizes and geometry of the targets, the robot's model, \
              the units of its joints, lenses and mounts"
-        )]
+        );
+        std::iter::once(whole).chain(strangers).collect()
+    }
+
+    /// Cameras and targets most of whose corners do not fit the rest: a small share of all, and yet nothing can be said of where they are.
+    fn strangers(&self) -> Vec<String> {
+        let mostly = |of: &dyn Fn(&Tally) -> bool| -> Option<(usize, usize)> {
+            let counts = self.tallies.iter().filter(|t| of(t)).map(|t| (t.rejected, t.accepted + t.rejected));
+            let (rejected, all) = counts.fold((0, 0), |sum, t| (sum.0 + t.0, sum.1 + t.1));
+            (rejected >= SOME_CORNERS && rejected as f64 > MOST_OF_ONE * all as f64).then_some((rejected, all))
+        };
+        let cameras = self.layout.cameras.iter().filter_map(|camera| {
+            let (rejected, all) = mostly(&|tally| tally.camera == camera.name)?;
+            Some(format!(
+                "{rejected} of the {all} corners that `{}` saw do not fit the rest, so that its pose means nothing: check its lens and mount, \
+                 and whether it, its robot or what it looks at has moved",
+                camera.name
+            ))
+        });
+        let targets = self.layout.targets.iter().filter_map(|target| {
+            let (rejected, all) = mostly(&|tally| tally.target == target.name)?;
+            Some(format!(
+                "{rejected} of the {all} corners seen of `{}` do not fit the rest, so that its pose means nothing: check its size, geometry and \
+                 mount, and whether it has moved",
+                target.name
+            ))
+        });
+        cameras.chain(targets).collect()
     }
 
     /// `world_from_frame` for a frame that stands still.
