@@ -68,8 +68,9 @@ fn pose_text(pose: &Pose) -> String {
 pub fn problem(size: Size, refine: bool) -> Problem {
     let paper = parse_layout(Path::new("paper.yaml"), &paper_size::truth(), None).expect("the layout is fine");
     let tree = FrameTree::new(&paper);
-    let pose_of = |key: &str| {
-        let edge = tree.static_edges.iter().find(|edge| edge.key == key).expect("the layout has it");
+    let pose_of = |name: &str| {
+        let ending = format!("_from_{name}");
+        let edge = tree.static_edges.iter().find(|edge| edge.key.ends_with(&ending)).expect("the layout has it");
         edge.spec.pose().expect("the layout says where")
     };
     let Motion::Joints { chain, .. } = &paper.robots[0].motion else { panic!("the paper's robot has joints") };
