@@ -14,6 +14,7 @@
 
 mod carried;
 mod figures;
+mod markup;
 mod page;
 mod pictures;
 mod scene;

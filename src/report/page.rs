@@ -4,9 +4,10 @@ use serde_json::json;
 
 use super::ReportInput;
 use super::figures::figures;
+use super::markup::escape;
 use super::pictures;
 use super::scene::scene;
-use super::tables::{self, escape};
+use super::tables;
 use crate::workflow::measured::sights;
 use crate::workflow::place::Places;
 

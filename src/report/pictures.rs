@@ -5,7 +5,7 @@ use image::imageops::FilterType;
 use std::collections::BTreeMap;
 
 use super::ReportInput;
-use super::tables::escape;
+use super::markup::escape;
 use crate::layout::images::ImagePattern;
 
 /// Pictures shown.
