@@ -44,7 +44,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 }
 
 fn measure(pictures: u64) -> Result<Measured, Box<dyn std::error::Error>> {
-    let size = sizes::Size { spaces: 1, robots: 1, cameras: 3, stops: pictures / 3, shots: 1 };
+    let size =
+        sizes::Size { spaces: 1, robots: 1, cameras: 3, stops: pictures / 3, shots: 1, board: sizes::Board::Small };
     let mut problem = sizes::problem(size, false);
     let tree = FrameTree::new(&problem.layout);
     let plan = Plan::new(&problem.layout, &tree, &problem.recording)?;

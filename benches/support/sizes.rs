@@ -37,24 +37,44 @@ pub struct Size {
     /// Configurations in each.
     pub stops: u64,
     pub shots: u64,
+    pub board: Board,
 }
 
-/// The sizes by name.
+/// What robots and hands hold.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Board {
+    /// 40 corners, partly out of sight in many pictures.
+    Small,
+    /// 64 corners, always in full view of every camera.
+    Large,
+}
+
+impl Board {
+    fn text(self) -> &'static str {
+        match self {
+            Self::Small => "charuco: {squares: [9, 6], square: 14, marker: 10, dictionary: 6x6_250}",
+            Self::Large => "charuco: {squares: [9, 9], square: 11, marker: 8, dictionary: 6x6_250}",
+        }
+    }
+}
+
+/// The sizes by name, with their pictures and corners: `small` 250 and 10 000; `paper`, ten shots a stop, and `single`, one, 7500 and 480 000; `cell` 12 000 and
+/// 305 000; `moving`, with 5000 unknown board poses, 20 000 and 610 000; `hall`, 20 robots and 40 cameras, 100 000 and 2 760 000.
 pub fn size(name: &str) -> Option<Size> {
-    let of = |spaces, robots, cameras, stops, shots| Size { spaces, robots, cameras, stops, shots };
+    use Board::{Large, Small};
+    let of = |spaces, robots, cameras, stops, shots, board| Size { spaces, robots, cameras, stops, shots, board };
     Some(match name {
-        "small" => of(1, 1, 1, 25, 10),
-        "paper" => of(1, 1, 3, 250, 10),
-        "single" => of(1, 1, 3, 2500, 1),
-        "cell" => of(1, 3, 6, 2000, 1),
-        "moving" => of(1, 0, 4, 5000, 1),
-        "hall" => of(10, 2, 4, 2500, 1),
+        "small" => of(1, 1, 1, 25, 10, Small),
+        "paper" => of(1, 1, 3, 250, 10, Large),
+        "single" => of(1, 1, 3, 2500, 1, Large),
+        "cell" => of(1, 3, 6, 2000, 1, Small),
+        "moving" => of(1, 0, 4, 5000, 1, Small),
+        "hall" => of(10, 2, 4, 2500, 1, Small),
         _ => return None,
     })
 }
 
 const MIDDLE: [f64; 6] = [0.3, -1.6, 1.7, -1.7, -1.57, 0.2];
-const BOARD: &str = "charuco: {squares: [9, 6], square: 14, marker: 10, dictionary: 6x6_250}";
 /// How far the spaces are apart, m.
 const APART: f64 = 5.0;
 
@@ -115,12 +135,13 @@ pub fn problem(size: Size, refine: bool) -> Problem {
     }
     text += "targets:\n";
     if size.robots == 0 {
-        text += &format!("  board: {{{BOARD}, moves: true}}\n");
+        text += &format!("  board: {{{}, moves: true}}\n", size.board.text());
     }
     for (index, space) in robots.iter().enumerate() {
         let robot = index - space * size.robots;
         text += &format!(
-            "  board{space}_{robot}: {{{BOARD}, mount: arm{space}_{robot}.flange, pose: {{{}, start: true}}}}\n",
+            "  board{space}_{robot}: {{{}, mount: arm{space}_{robot}.flange, pose: {{{}, start: true}}}}\n",
+            size.board.text(),
             pose_text(&pose_of("board"))
         );
     }
@@ -145,7 +166,13 @@ fn record(layout: &Layout, size: Size, board: &Pose, robots: &[usize]) -> (Recor
             } else {
                 // They take turns.
                 let robot = space * size.robots + (stop as usize) % size.robots;
-                joints[robot].insert(id, MIDDLE.iter().map(|q| q + stray(0.35)).collect());
+                let reach = if size.board == Board::Large { 0.45 } else { 0.35 };
+                let mut draw = || MIDDLE.iter().map(|q| q + stray(reach)).collect::<Vec<f64>>();
+                let mut place = draw();
+                while size.board == Board::Large && !in_full_view(layout, robot, &place) {
+                    place = draw();
+                }
+                joints[robot].insert(id, place);
             }
         }
     }
@@ -169,6 +196,16 @@ fn record(layout: &Layout, size: Size, board: &Pose, robots: &[usize]) -> (Recor
     });
     recording.corners.sort_by(|a, b| a.key().cmp(&b.key()));
     (recording, moving)
+}
+
+/// Whether every camera sees every corner of what the only robot holds.
+fn in_full_view(layout: &Layout, robot: usize, joints: &[f64]) -> bool {
+    assert_eq!(layout.robots.len(), 1, "a full view is asked for where there is one robot");
+    let mut motions = vec![RobotMotion::Joints(BTreeMap::new()); layout.robots.len()];
+    motions[robot] = RobotMotion::Joints(BTreeMap::from([(1, joints.to_vec())]));
+    let recording = Recording { motions, ..Recording::default() };
+    let seen = corners(&Cell::new(layout, &recording), &[1], CornerNoise { pixel_sigma: 0.0, seed: 0 });
+    seen.len() == 64 * layout.cameras.len()
 }
 
 /// A direction that depends on a number.
