@@ -87,9 +87,33 @@ fn derivatives_hold_on_the_axis_and_far_off_it() {
         check::<Brown>(&parameters(&BROWN), point);
         check::<Rational>(&parameters(&RATIONAL), point);
     }
-    // A fisheye sees sideways and backwards.
-    for point in [[1.0, 0.2, 0.01], [1.0, 0.3, -0.4]] {
+    // A fisheye divides by the distance from its axis, and sees sideways and backwards.
+    for off in [0.0, 1e-300, 1e-160, 1e-12, 1e-8, 1e-6, 1e-4, 1e-3, 1e-2] {
+        for z in [0.3, 1.0, 4.0] {
+            check::<KannalaBrandt>(&parameters(&FISHEYE), [0.6 * off, -0.8 * off, z]);
+            check::<KannalaBrandt>(&parameters(&[]), [off, 0.0, z]);
+        }
+    }
+    for point in [[1.0, 0.2, 0.01], [1.0, 0.3, 0.0], [1.0, 0.3, -0.4]] {
         check::<KannalaBrandt>(&parameters(&FISHEYE), point);
+    }
+}
+
+#[test]
+fn derivatives_hold_at_the_edge_of_the_domain() {
+    // A barrel distortion folds where r (1 + k1 r^2) turns back; next to it the slope along the radius nearly vanishes.
+    let fold = 1.0 / (3.0f64 * 0.3).sqrt();
+    for r in [0.9, 0.99, 0.9999].map(|share| share * fold) {
+        check::<Brown>(&parameters(&[-0.3]), [0.6 * r, 0.8 * r, 1.0]);
+    }
+    // Next to a pole of the rational model's denominator, and close before the camera.
+    let pole = 1.0 / 0.4f64.sqrt();
+    check::<Rational>(&parameters(&[0.0, 0.0, 0.0, 0.0, 0.0, -0.4]), [0.9 * pole, 0.0, 1.0]);
+    for z in [0.05, 0.01] {
+        check::<Pinhole>(&parameters(&[]), [0.4 * z, -0.3 * z, z]);
+        check::<Brown>(&parameters(&BROWN), [0.4 * z, -0.3 * z, z]);
+        check::<Rational>(&parameters(&RATIONAL), [0.4 * z, -0.3 * z, z]);
+        check::<KannalaBrandt>(&parameters(&FISHEYE), [0.4 * z, -0.3 * z, z]);
     }
 }
 
