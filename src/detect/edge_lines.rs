@@ -104,7 +104,7 @@ pub struct RoughTag<'a> {
 /// Measures the four corners of a tag; answers in the order of its corners.
 ///
 /// About 30 us for a tag of 70 px that was found closely. Where its cells are only a few blurs wide or a side cannot be measured, and the cells are
-/// known, all of them are fitted at once: about ten times as long.
+/// known, all of them are fitted at once: about three times as long.
 #[must_use]
 pub fn refine_tag(picture: &GreyPicture, lens: Option<&dyn Lens>, tag: &RoughTag<'_>) -> [Refinement; 4] {
     let bender = Bender(lens);

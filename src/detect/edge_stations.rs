@@ -15,11 +15,7 @@
 
 use pulp::{Arch, Scalar, Simd, WithSimd};
 
-use super::wide::Wide;
-
-/// Stations worked on together.
-pub(super) const LANES: usize = 8;
-type Lanes = [f32; LANES];
+use super::wide::{LANES, Lanes, Wide, lanes, normal, store};
 
 /// A distance that no gate lets in.
 const FAR: f32 = 1e3;
@@ -226,40 +222,6 @@ impl WithSimd for Fit<'_> {
     }
 }
 
-/// The normal distribution's integral and density, good to 1e-5: the exponential as a 64th power, the integral by
-/// Abramowitz and Stegun 7.1.26.
-#[inline(always)]
-fn normal<S: Simd>(simd: S, z: Wide<S>) -> (Wide<S>, Wide<S>) {
-    let number = |value: f32| Wide::splat(simd, value);
-    let one = number(1.0);
-    let z = z.max(number(-5.0)).min(number(5.0));
-    let t = number(-0.5 / 64.0) * z * z;
-    let mut power = one + t * (one + t * (number(0.5) + t * number(1.0 / 6.0)));
-    for _ in 0..6 {
-        power = power * power;
-    }
-    let t = (one + number(0.327_591_1 * std::f32::consts::FRAC_1_SQRT_2) * z.abs()).inverse();
-    let series = t * (number(-1.453_152) + t * number(1.061_405_4));
-    let series = t * (number(0.254_829_6) + t * (number(-0.284_496_74) + t * (number(1.421_413_7) + series)));
-    let half = number(0.5) * series * power;
-    (z.less(number(0.0)).choose(half, one - half), number(0.398_942_3) * power)
-}
-
-/// Some of a group's lanes.
-#[inline(always)]
-fn lanes<S: Simd>(simd: S, lanes: &Lanes, part: usize) -> Wide<S> {
-    let (whole, _) = S::as_simd_f32s(lanes);
-    Wide::new(simd, whole.get(part).copied().unwrap_or(simd.splat_f32s(0.0)))
-}
-
-#[inline(always)]
-fn store<S: Simd>(lanes: &mut Lanes, part: usize, value: Wide<S>) {
-    let (whole, _) = S::as_mut_simd_f32s(lanes);
-    if let Some(lane) = whole.get_mut(part) {
-        *lane = value.values;
-    }
-}
-
 /// One Gauss-Newton step at some stations. Returns gradient and curvature for the side's blur.
 #[inline(always)]
 fn sweep_part<S: Simd>(
@@ -341,27 +303,4 @@ fn sweep_part<S: Simd>(
     let gradient = -scale * (hv - dark * h - contrast * hp);
     let curvature = square * sharpness * sharpness * project(h, hp, hh).max(zero);
     [sound.choose(gradient, zero).sum(), sound.choose(curvature, zero).sum()]
-}
-
-#[cfg(test)]
-mod tests {
-    use super::normal;
-    use crate::detect::wide::Wide;
-    use pulp::{Scalar, Simd};
-
-    #[test]
-    fn the_normal_distribution() {
-        // Values of scipy.stats.norm.
-        for (z, integral, density) in [
-            (0.0, 0.5, 0.398_942_3),
-            (1.0, 0.841_344_7, 0.241_970_7),
-            (-1.5, 0.066_807_2, 0.129_517_6),
-            (3.0, 0.998_650_1, 0.004_431_8),
-            (-4.0, 0.000_031_7, 0.000_133_8),
-        ] {
-            let found = normal(Scalar, Wide::splat(Scalar, z));
-            let found = (Scalar.reduce_sum_f32s(found.0.values), Scalar.reduce_sum_f32s(found.1.values));
-            assert!((found.0 - integral).abs() < 1e-5_f32 && (found.1 - density).abs() < 1e-5_f32, "{z}: {found:?}");
-        }
-    }
 }

@@ -37,6 +37,8 @@ pub mod picture;
 mod plane_map;
 mod projection;
 pub mod saddle;
+mod tag_pixels;
+mod tag_sums;
 mod whole_tag;
 mod wide;
 

@@ -51,9 +51,12 @@ impl Projection {
         self.0[6] * x + self.0[7] * y + 1.0
     }
 
-    /// Where the unit square's corners go.
-    pub fn corners(&self) -> [[f64; 2]; 4] {
-        [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]].map(|corner| self.map(corner))
+    /// The same map of a square of side `side` around the origin.
+    pub fn around_origin(&self, side: f64) -> Option<Self> {
+        let [a, b, c, d, e, f, g, h] = self.0;
+        let depth = 0.5 * (g + h) + 1.0;
+        let numbers = [a, b, side * (c + 0.5 * (a + b)), d, e, side * (f + 0.5 * (d + e)), g, h];
+        (depth > 1e-9).then(|| Self(numbers.map(|number| number / (side * depth))))
     }
 
     /// The map as a matrix of homogeneous coordinates.
