@@ -2,39 +2,30 @@
 
 #[path = "support/cells.rs"]
 mod cells;
+#[path = "support/one_robot.rs"]
+mod one_robot;
 #[path = "support/program.rs"]
 mod program;
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::OnceLock;
 
 use cellmap::frames::FrameTree;
 use cellmap::geometry::{Feature, Pose};
-use cellmap::layout::{Layout, PoseSpec};
+use cellmap::layout::PoseSpec;
 use cellmap::recording::{CornerRow, Recording, RobotMotion};
 use cellmap::trust::{Action, Fault, FaultKind};
 use cellmap::workflow::solve::Solved;
 use nalgebra::Vector3;
+use one_robot::{told, truth};
 
 const STOPS: u64 = 24;
 
-/// The cell with one robot, three cameras, a board, a cube of tags and a pallet; its path, computed once.
 fn path() -> Vec<RobotMotion> {
-    static PATH: OnceLock<Vec<RobotMotion>> = OnceLock::new();
-    PATH.get_or_init(|| cells::one_robot_path(STOPS)).clone()
-}
-
-fn truth() -> Layout {
-    cells::layout(&cells::one_robot_truth())
+    one_robot::path(STOPS)
 }
 
 fn clean() -> Recording {
-    static CLEAN: OnceLock<Recording> = OnceLock::new();
-    CLEAN.get_or_init(|| cells::record(&truth(), path(), 0.05, 17)).clone()
-}
-
-fn told() -> String {
-    cells::hidden(&cells::one_robot_truth())
+    one_robot::clean(STOPS)
 }
 
 /// Solves what was recorded with what was told.

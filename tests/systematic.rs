@@ -2,32 +2,28 @@
 
 #[path = "support/cells.rs"]
 mod cells;
+#[path = "support/one_robot.rs"]
+mod one_robot;
 #[path = "support/program.rs"]
 mod program;
 
 use std::path::Path;
 use std::sync::OnceLock;
 
-use cellmap::layout::Layout;
 use cellmap::recording::{CornerRow, Recording, RobotMotion};
 use cellmap::trust::systematic::{Factor, Remark};
 use cellmap::workflow::solve::Solved;
 use nalgebra::Vector2;
+use one_robot::{told, truth};
 
 const STOPS: u64 = 60;
 
 fn path() -> Vec<RobotMotion> {
-    static PATH: OnceLock<Vec<RobotMotion>> = OnceLock::new();
-    PATH.get_or_init(|| cells::one_robot_path(STOPS)).clone()
-}
-
-fn truth() -> Layout {
-    cells::layout(&cells::one_robot_truth())
+    one_robot::path(STOPS)
 }
 
 fn clean() -> Recording {
-    static CLEAN: OnceLock<Recording> = OnceLock::new();
-    CLEAN.get_or_init(|| cells::record(&truth(), path(), 0.05, 17)).clone()
+    one_robot::clean(STOPS)
 }
 
 /// As noisy as real pictures of small tags: what is wrong hides in the noise, and nothing is set aside for it.
@@ -43,10 +39,6 @@ fn solve(told: &str, recording: &Recording) -> Solved {
     }
     println!("{:?}", solved.scales);
     solved
-}
-
-fn told() -> String {
-    cells::hidden(&cells::one_robot_truth())
 }
 
 fn of(solved: &Solved, factor: Factor) -> Vec<&Remark> {

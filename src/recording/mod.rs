@@ -12,6 +12,7 @@ pub mod table;
 pub mod targets;
 pub mod write;
 
+use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -25,6 +26,9 @@ pub use targets::{ContactRow, PointRow, PoseRow, read_contacts, read_points, rea
 
 /// Where detections go and come from unless something else is said.
 pub const DEFAULT_DETECTIONS: &str = "detections.csv";
+
+/// The SHA-256 of a file.
+pub type Digest = [u8; 32];
 
 /// How one robot moved.
 #[derive(Clone, Debug, PartialEq)]
@@ -70,6 +74,8 @@ pub struct Recording {
     pub contacts: Vec<ContactRow>,
     /// The files that were read.
     pub files: Vec<PathBuf>,
+    /// Of those whose bytes were all in memory, what they were.
+    pub digests: BTreeMap<PathBuf, Digest>,
 }
 
 impl Recording {
@@ -125,8 +131,15 @@ impl Recording {
                 .into());
             }
         };
+        let several = corner_files.len() > 1;
         for path in corner_files {
-            recording.corners.extend(read_detections(&path, layout)?);
+            let (rows, digest) = detections::read_and_digest(&path, layout)?;
+            if recording.corners.is_empty() {
+                recording.corners = rows;
+            } else {
+                recording.corners.extend(rows);
+            }
+            recording.digests.extend(digest.map(|digest| (path.clone(), digest)));
             recording.note(path);
         }
         for file in &observations.target_poses {
@@ -144,8 +157,8 @@ impl Recording {
             recording.contacts.extend(read_contacts(&path, layout)?);
             recording.note(path);
         }
-        // Several files of one kind are one recording: their order must not matter, and none may repeat another.
-        let twice = merge(&mut recording.corners, |a, b| a.key().cmp(&b.key()))
+        // Several files of one kind are one recording: their order must not matter, and none may repeat another. One file of corners is sorted already.
+        let twice = several && merge(&mut recording.corners, |a, b| a.key().cmp(&b.key()))
             || merge(&mut recording.poses, |a, b| a.key().cmp(&b.key()))
             || merge(&mut recording.points, |a, b| a.key().cmp(&b.key()))
             || merge(&mut recording.contacts, |a, b| a.key().cmp(&b.key()));
@@ -207,8 +220,8 @@ impl Recording {
 }
 
 /// Sorts rows that came from several files; says whether two are of the same thing.
-fn merge<T>(rows: &mut [T], order: impl Fn(&T, &T) -> std::cmp::Ordering) -> bool {
-    if rows.windows(2).all(|pair| order(&pair[0], &pair[1]).is_lt()) {
+fn merge<T: Send + Sync>(rows: &mut [T], order: impl Fn(&T, &T) -> std::cmp::Ordering + Sync) -> bool {
+    if rows.par_windows(2).with_min_len(1024).all(|pair| order(&pair[0], &pair[1]).is_lt()) {
         return false;
     }
     rows.sort_by(&order);

@@ -1,53 +1,59 @@
-//! A quick way to read `detections.csv` as detectors write it: all cores, no quoting, no complaints.
+//! A quick way to read `detections.csv` as detectors write it: all cores, one pass over the bytes, no quoting, no complaints.
 //!
 //! Whatever is out of the ordinary (quotes, spaces, unknown names, numbers that are none, a corner given twice) makes it give up, and the
-//! careful reader of [`super::detections`] says what is wrong and where.
+//! careful reader of [`super::detections`] says what is wrong and where. Every row is written where it stays: the lines are found first,
+//! then read into one array.
 
 use rayon::prelude::*;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::detections::{COLUMNS, COVARIANCE, CornerRow, feature_of};
+use crate::geometry::{Feature, TargetGeometry};
 use crate::layout::Layout;
 
-/// Bytes that one task parses.
+/// Bytes in which one task looks for lines.
 const PIECE: usize = 1 << 18;
 
+/// Lines that a task reads at least.
+const LINES: usize = 1024;
+
 /// Cells of a line at most.
-const MOST_CELLS: usize = 16;
+const MOST_CELLS: usize = 32;
+
+/// What a cell of a line holds.
+#[derive(Clone, Copy)]
+enum Column {
+    Configuration,
+    Shot,
+    Camera,
+    Target,
+    Tag,
+    Corner,
+    Pixel(usize),
+    Covariance(usize),
+    Other,
+}
 
 /// The rows of a file in the order of [`CornerRow::key`]; none if there is anything unusual about it.
 pub(super) fn read(bytes: &[u8], layout: &Layout) -> Option<Vec<CornerRow>> {
-    let (header, body) = bytes.split_at(bytes.iter().position(|byte| *byte == b'\n')? + 1);
-    let names: Vec<&str> = std::str::from_utf8(header).ok()?.trim_end_matches(['\r', '\n']).split(',').collect();
-    if names.len() > MOST_CELLS {
+    let header_end = memchr::memchr(b'\n', bytes)? + 1;
+    let columns = columns(&bytes[..header_end])?;
+    let starts = starts(bytes, header_end);
+    let reader = Reader { layout, bytes, columns: &columns };
+    let odd = AtomicBool::new(false);
+    let read = |last: &mut Last, start: &usize| {
+        let row = if odd.load(Ordering::Relaxed) { None } else { reader.row(*start, last) };
+        row.unwrap_or_else(|| {
+            odd.store(true, Ordering::Relaxed);
+            BLANK
+        })
+    };
+    let mut rows = Vec::new();
+    starts.par_iter().with_min_len(LINES).map_init(Last::default, read).collect_into_vec(&mut rows);
+    if odd.into_inner() {
         return None;
     }
-    let place = |wanted: &str| {
-        let mut found = names.iter().enumerate().filter(|(_, name)| **name == wanted);
-        let first = found.next()?.0;
-        found.next().is_none().then_some(first)
-    };
-    let mut places = [0; COLUMNS.len()];
-    for (place_of, name) in places.iter_mut().zip(COLUMNS) {
-        *place_of = place(name)?;
-    }
-    let covariance = match COVARIANCE.map(place) {
-        [Some(suu), Some(suv), Some(svv)] => Some([suu, suv, svv]),
-        [None, None, None] => None,
-        _ => return None,
-    };
-    let reader = Reader { layout, cells: names.len(), places, covariance };
-    let mut pieces = Vec::with_capacity(body.len() / PIECE + 1);
-    let mut rest = body;
-    while !rest.is_empty() {
-        let reach = rest.len().min(PIECE);
-        let end = rest[reach..].iter().position(|byte| *byte == b'\n').map_or(rest.len(), |at| reach + at + 1);
-        let (piece, after) = rest.split_at(end);
-        pieces.push(piece);
-        rest = after;
-    }
-    let parsed: Vec<Vec<CornerRow>> = pieces.par_iter().map(|piece| reader.piece(piece)).collect::<Option<_>>()?;
-    let mut rows = Vec::with_capacity(parsed.iter().map(Vec::len).sum());
-    parsed.into_iter().for_each(|part| rows.extend(part));
+    drop(starts);
     if !ascending(&rows) {
         rows.sort_by(|a, b| a.key().cmp(&b.key()));
         if !ascending(&rows) {
@@ -57,71 +63,156 @@ pub(super) fn read(bytes: &[u8], layout: &Layout) -> Option<Vec<CornerRow>> {
     Some(rows)
 }
 
+/// Stands where a line could not be read; such rows are never handed out.
+const BLANK: CornerRow = CornerRow {
+    configuration: 0,
+    shot: 0,
+    camera: 0,
+    target: 0,
+    feature: Feature::BoardCorner(0),
+    pixel: [0.0; 2],
+    covariance: None,
+};
+
 /// Whether the rows are in order and no two are of the same corner.
 fn ascending(rows: &[CornerRow]) -> bool {
-    rows.par_windows(2).all(|pair| pair[0].key() < pair[1].key())
+    rows.par_windows(2).with_min_len(LINES).all(|pair| pair[0].key() < pair[1].key())
+}
+
+/// What the cells of every line hold, by the header.
+fn columns(header: &[u8]) -> Option<Vec<Column>> {
+    let names = std::str::from_utf8(header).ok()?.trim_end_matches(['\r', '\n']).split(',');
+    let mut columns = Vec::new();
+    let mut seen = [0usize; COLUMNS.len() + COVARIANCE.len()];
+    for name in names {
+        let place = COLUMNS.iter().chain(&COVARIANCE).position(|known| *known == name);
+        place.into_iter().for_each(|place| seen[place] += 1);
+        columns.push(match place {
+            Some(0) => Column::Configuration,
+            Some(1) => Column::Shot,
+            Some(2) => Column::Camera,
+            Some(3) => Column::Target,
+            Some(4) => Column::Tag,
+            Some(5) => Column::Corner,
+            Some(place @ 6..=7) => Column::Pixel(place - 6),
+            Some(place) => Column::Covariance(place - COLUMNS.len()),
+            None => Column::Other,
+        });
+    }
+    let (needed, covariance) = seen.split_at(COLUMNS.len());
+    let whole = needed.iter().all(|count| *count == 1) && matches!(covariance, [0, 0, 0] | [1, 1, 1]);
+    (whole && columns.len() <= MOST_CELLS).then_some(columns)
+}
+
+/// Where the lines begin that are not empty.
+fn starts(bytes: &[u8], first: usize) -> Vec<usize> {
+    let filled = |start: &usize| !matches!(&bytes[*start..], [] | [b'\n', ..] | [b'\r', b'\n', ..] | [b'\r']);
+    let body = &bytes[first..];
+    let pieces: Vec<Vec<usize>> = body
+        .par_chunks(PIECE)
+        .enumerate()
+        .map(|(number, piece)| {
+            let ends = memchr::memchr_iter(b'\n', piece);
+            ends.map(|end| first + number * PIECE + end + 1).filter(&filled).collect()
+        })
+        .collect();
+    let mut starts = Vec::with_capacity(1 + pieces.iter().map(Vec::len).sum::<usize>());
+    starts.extend(Some(first).filter(&filled));
+    pieces.iter().for_each(|piece| starts.extend(piece));
+    starts
 }
 
 /// What lines are read with.
 struct Reader<'a> {
     layout: &'a Layout,
-    /// Cells of a line.
-    cells: usize,
-    /// The cell of each of [`COLUMNS`].
-    places: [usize; COLUMNS.len()],
-    covariance: Option<[usize; 3]>,
+    bytes: &'a [u8],
+    columns: &'a [Column],
+}
+
+/// What was found on the line before: most likely the same again.
+#[derive(Default)]
+struct Last {
+    camera: usize,
+    target: usize,
+    /// A tag that this target has.
+    tag: Option<(usize, u32)>,
 }
 
 impl Reader<'_> {
-    fn piece(&self, bytes: &[u8]) -> Option<Vec<CornerRow>> {
-        let mut rows = Vec::with_capacity(bytes.len() / 40);
-        let mut last = (0, 0);
-        for line in bytes.split(|byte| *byte == b'\n') {
-            let line = line.strip_suffix(b"\r").unwrap_or(line);
-            if !line.is_empty() {
-                let row = self.row(line, last)?;
-                last = (row.camera, row.target);
-                rows.push(row);
+    /// The line that begins at `at`.
+    fn row(&self, mut at: usize, last: &mut Last) -> Option<CornerRow> {
+        let mut row = BLANK;
+        let (mut tag, mut corner): (&[u8], u64) = (&[], 0);
+        let (mut covariance, mut given) = ([0.0; 3], 0);
+        for (number, column) in self.columns.iter().enumerate() {
+            if number > 0 {
+                // Fewer cells than the header has.
+                at = (self.bytes.get(at) == Some(&b',')).then_some(at + 1)?;
             }
+            let rest = &self.bytes[at..];
+            at += match column {
+                Column::Configuration => whole(rest, &mut row.configuration)?,
+                Column::Shot => whole(rest, &mut row.shot)?,
+                Column::Corner => whole(rest, &mut corner)?,
+                Column::Camera => {
+                    let cameras = &self.layout.cameras;
+                    row.camera = one_of(rest, last.camera, cameras.len(), |i| &cameras[i].name)?;
+                    cameras[row.camera].name.len()
+                }
+                Column::Target => {
+                    let targets = &self.layout.targets;
+                    row.target = one_of(rest, last.target, targets.len(), |i| &targets[i].name)?;
+                    targets[row.target].name.len()
+                }
+                Column::Tag => {
+                    tag = &rest[..cell(rest)];
+                    tag.len()
+                }
+                Column::Pixel(axis) => number_at(rest, &mut row.pixel[*axis])?,
+                Column::Covariance(_) if ends(rest, 0) => 0,
+                Column::Covariance(place) => {
+                    given += 1;
+                    number_at(rest, &mut covariance[*place])?
+                }
+                Column::Other => {
+                    let length = cell(rest);
+                    // Quotes and lone carriage returns can hide the end of a cell.
+                    memchr::memchr2(b'"', b'\r', &rest[..length]).is_none().then_some(length)?
+                }
+            };
         }
-        Some(rows)
-    }
-
-    /// One line; `last` are the camera and target of the one before, which are most likely the same.
-    fn row(&self, line: &[u8], last: (usize, usize)) -> Option<CornerRow> {
-        let mut cells: [&[u8]; MOST_CELLS] = [&[]; MOST_CELLS];
-        let mut count = 0;
-        for cell in line.split(|byte| *byte == b',') {
-            *cells.get_mut(count)? = cell;
-            count += 1;
-        }
-        if count != self.cells {
+        // More cells than the header has.
+        if self.bytes.get(at) == Some(&b',') {
             return None;
         }
-        let [configuration, shot, camera, target, tag, corner, u, v] = self.places.map(|place| cells[place]);
-        let camera = one_of(camera, last.0, self.layout.cameras.len(), |i| &self.layout.cameras[i].name)?;
-        let target = one_of(target, last.1, self.layout.targets.len(), |i| &self.layout.targets[i].name)?;
-        self.layout.cameras[camera].intrinsics.as_ref()?;
-        let geometry = &self.layout.targets[target].geometry;
-        let tag = std::str::from_utf8(tag).ok().filter(|tag| plain(tag))?;
-        let feature = feature_of(geometry, tag, whole(corner)?).filter(|feature| geometry.has(feature))?;
-        let covariance = match self.covariance.map(|places| places.map(|place| cells[place])) {
-            None | Some([b"", b"", b""]) => None,
-            Some(texts) => {
-                let [suu, suv, svv] = [number(texts[0])?, number(texts[1])?, number(texts[2])?];
-                // The careful reader's own conditions.
-                (suu > 0.0 && svv > 0.0 && suu * svv - suv * suv > 0.0).then_some(Some([suu, suv, svv]))?
-            }
+        row.covariance = match (given, covariance) {
+            (0, _) => None,
+            // The careful reader's own conditions.
+            (3, [suu, suv, svv]) if suu > 0.0 && svv > 0.0 && suu * svv - suv * suv > 0.0 => Some(covariance),
+            _ => return None,
         };
-        Some(CornerRow {
-            configuration: whole(configuration)?,
-            shot: whole(shot)?,
-            camera,
-            target,
-            feature,
-            pixel: [number(u)?, number(v)?],
-            covariance,
-        })
+        self.layout.cameras[row.camera].intrinsics.as_ref()?;
+        row.feature = self.feature(row.target, tag, corner, last)?;
+        (last.camera, last.target) = (row.camera, row.target);
+        Some(row)
+    }
+
+    fn feature(&self, target: usize, tag: &[u8], corner: u64, last: &mut Last) -> Option<Feature> {
+        let geometry = &self.layout.targets[target].geometry;
+        let mut id = 0;
+        if let TargetGeometry::Tags(_) = geometry
+            && whole(tag, &mut id) == Some(tag.len())
+        {
+            let (id, corner) = (u32::try_from(id).ok()?, u8::try_from(corner).ok().filter(|corner| *corner < 4)?);
+            let feature = Feature::TagCorner(id, corner);
+            if last.tag != Some((target, id)) {
+                geometry.has(&feature).then_some(())?;
+                last.tag = Some((target, id));
+            }
+            return Some(feature);
+        }
+        let tag = std::str::from_utf8(tag).ok().filter(|tag| plain(tag))?;
+        feature_of(geometry, tag, corner).filter(|feature| geometry.has(feature))
     }
 }
 
@@ -130,16 +221,42 @@ fn plain(text: &str) -> bool {
     text.trim() == text && !text.contains(['"', '\r'])
 }
 
-fn one_of<'a>(text: &[u8], likely: usize, count: usize, name: impl Fn(usize) -> &'a String) -> Option<usize> {
-    let is = |i: &usize| name(*i).as_bytes() == text && plain(name(*i));
+/// Whether a cell ends at a place.
+fn ends(rest: &[u8], at: usize) -> bool {
+    matches!(rest.get(at..), None | Some([] | [b',' | b'\n', ..] | [b'\r', b'\n', ..] | [b'\r']))
+}
+
+/// The length of a cell that may hold anything.
+fn cell(rest: &[u8]) -> usize {
+    let length = rest.iter().position(|byte| matches!(byte, b',' | b'\n')).unwrap_or(rest.len());
+    let at_end_of_line = rest.get(length) != Some(&b',');
+    if at_end_of_line && rest[..length].ends_with(b"\r") { length - 1 } else { length }
+}
+
+/// The place of the name that a cell holds.
+fn one_of<'a>(rest: &[u8], likely: usize, count: usize, name: impl Fn(usize) -> &'a String) -> Option<usize> {
+    let is = |i: &usize| {
+        let name = name(*i);
+        rest.starts_with(name.as_bytes()) && ends(rest, name.len()) && plain(name) && !name.contains([',', '\n'])
+    };
     Some(likely).filter(|i| *i < count).filter(is).or_else(|| (0..count).find(is))
 }
 
-fn whole(text: &[u8]) -> Option<u64> {
-    if text.is_empty() || text.len() > 19 {
-        return None;
+/// A whole number in a cell of its own; its length.
+fn whole(rest: &[u8], value: &mut u64) -> Option<usize> {
+    let (length, found) = digits(rest);
+    *value = found;
+    (length > 0 && length <= 19 && ends(rest, length)).then_some(length)
+}
+
+/// How many digits there are, and their value if they are at most nineteen.
+fn digits(rest: &[u8]) -> (usize, u64) {
+    let (mut length, mut value) = (0, 0u64);
+    while let Some(byte @ b'0'..=b'9') = rest.get(length) {
+        value = value.wrapping_mul(10).wrapping_add(u64::from(byte - b'0'));
+        length += 1;
     }
-    text.iter().try_fold(0u64, |value, byte| byte.is_ascii_digit().then(|| value * 10 + u64::from(byte - b'0')))
+    (length, value)
 }
 
 /// Powers of ten that are exact in double precision.
@@ -148,54 +265,64 @@ const TENS: [f64; 23] = [
     1e21, 1e22,
 ];
 
-/// A finite number. A mantissa below 2^53 times or over an exact power of ten is one correctly rounded operation (W. D. Clinger, *How to read
-/// floating point numbers accurately*, 1990); anything else is left to the standard library.
-fn number(text: &[u8]) -> Option<f64> {
-    decimal(text).or_else(|| std::str::from_utf8(text).ok()?.parse().ok().filter(|value: &f64| value.is_finite()))
+/// Powers of ten that a whole number holds.
+const WHOLE_TENS: [u64; 19] = {
+    let mut tens = [1; 19];
+    let mut i = 1;
+    while i < 19 {
+        tens[i] = tens[i - 1] * 10;
+        i += 1;
+    }
+    tens
+};
+
+/// A finite number in a cell of its own; its length. A mantissa below 2^53 times or over an exact power of ten is one correctly rounded operation
+/// (W. D. Clinger, *How to read floating point numbers accurately*, 1990); anything else is left to the standard library.
+fn number_at(rest: &[u8], value: &mut f64) -> Option<usize> {
+    if let Some((length, found)) = decimal(rest)
+        && ends(rest, length)
+    {
+        *value = found;
+        return Some(length);
+    }
+    let text = &rest[..cell(rest)];
+    *value = std::str::from_utf8(text).ok()?.parse().ok().filter(|value: &f64| value.is_finite())?;
+    Some(text.len())
 }
 
-fn decimal(text: &[u8]) -> Option<f64> {
-    let (negative, digits) = match text {
-        [b'-', rest @ ..] => (true, rest),
-        _ => (false, text),
-    };
-    let (mut mantissa, mut exponent, mut seen, mut point) = (0u64, 0i32, 0, false);
-    let mut at = 0;
-    while let Some(byte) = digits.get(at) {
-        match byte {
-            b'0'..=b'9' => {
-                seen += 1;
-                if seen > 18 {
-                    return None;
-                }
-                mantissa = mantissa * 10 + u64::from(byte - b'0');
-                exponent -= i32::from(point);
-            }
-            b'.' if !point => point = true,
-            _ => break,
-        }
-        at += 1;
+fn decimal(rest: &[u8]) -> Option<(usize, f64)> {
+    let negative = rest.first() == Some(&b'-');
+    let mut at = usize::from(negative);
+    let (before, mut mantissa) = digits(&rest[at..]);
+    at += before;
+    let (mut seen, mut exponent) = (before, 0);
+    if rest.get(at) == Some(&b'.') {
+        let (after, fraction) = digits(&rest[at + 1..]);
+        at += 1 + after;
+        seen += after;
+        // Checked below: neither part has more than eighteen digits.
+        mantissa = mantissa.wrapping_mul(WHOLE_TENS[after.min(18)]).wrapping_add(fraction);
+        exponent = -i32::try_from(after).ok()?;
     }
-    if seen == 0 || mantissa >= 1 << 53 {
+    if seen == 0 || seen > 18 || mantissa >= 1 << 53 {
         return None;
     }
-    match digits.get(at) {
-        None => {}
-        Some(b'e' | b'E') => {
-            let (sign, power) = match &digits[at + 1..] {
-                [b'-', rest @ ..] => (-1, rest),
-                [b'+', rest @ ..] | rest => (1, rest),
-            };
-            if power.len() > 3 {
-                return None;
-            }
-            exponent += sign * i32::try_from(whole(power)?).ok()?;
+    if let Some(b'e' | b'E') = rest.get(at) {
+        let sign = match rest.get(at + 1) {
+            Some(b'-') => -1,
+            _ => 1,
+        };
+        at += 1 + usize::from(matches!(rest.get(at + 1), Some(b'-' | b'+')));
+        let (length, power) = digits(&rest[at..]);
+        if length == 0 || length > 3 {
+            return None;
         }
-        Some(_) => return None,
+        at += length;
+        exponent += sign * i32::try_from(power).ok()?;
     }
     let scale = *TENS.get(exponent.unsigned_abs() as usize)?;
     let value = if exponent < 0 { mantissa as f64 / scale } else { mantissa as f64 * scale };
-    Some(if negative { -value } else { value })
+    Some((at, if negative { -value } else { value }))
 }
 
 #[cfg(test)]
@@ -203,16 +330,32 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    /// A text that must be one number and nothing else.
+    fn number(text: &str) -> Option<f64> {
+        let mut value = 0.0;
+        number_at(text.as_bytes(), &mut value).filter(|length| *length == text.len()).map(|_| value)
+    }
+
     #[test]
     fn what_is_no_number_is_none() {
         for text in
             ["", "-", ".", "e5", "1e", "1e+", "1.2.3", "0x10", "nan", "inf", "1_000", " 1", "1 ", "--1", "1e400"]
         {
-            assert_eq!(number(text.as_bytes()), None, "{text}");
+            assert_eq!(number(text), None, "{text}");
         }
-        for text in ["-1", "+1", "1.5", "", "18446744073709551616"] {
-            assert_eq!(whole(text.as_bytes()), None, "{text}");
+        for text in ["-1", "+1", "1.5", "", "18446744073709551616", "1\r2", "1 "] {
+            assert_eq!(whole(text.as_bytes(), &mut 0), None, "{text}");
         }
+    }
+
+    #[test]
+    fn a_cell_ends_where_a_comma_or_a_line_does() {
+        for rest in ["12", "12,", "12\n", "12\r\n", "12\r", "12,3\r\n"] {
+            assert_eq!((whole(rest.as_bytes(), &mut 0), cell(rest.as_bytes())), (Some(2), 2), "{rest:?}");
+            assert_eq!(number_at(rest.as_bytes(), &mut 0.0), Some(2), "{rest:?}");
+        }
+        assert_eq!(cell(b"a\rb,"), 3);
+        assert_eq!(cell(b"\r,"), 1);
     }
 
     proptest! {
@@ -220,9 +363,15 @@ mod tests {
         fn numbers_are_the_standard_librarys_to_the_last_bit(value in proptest::num::f64::NORMAL, digits in 0usize..18) {
             for text in [format!("{value:.digits$e}"), format!("{:.digits$}", value % 1e6), format!("{value}")] {
                 let expected: f64 = text.parse().unwrap();
-                let found = number(text.as_bytes());
+                let found = number(&text);
                 prop_assert_eq!(found.map(f64::to_bits), Some(expected).filter(|x| x.is_finite()).map(f64::to_bits), "{}", text);
             }
+        }
+
+        #[test]
+        fn digits_in_any_arrangement_are_the_standard_librarys(text in "-?[0-9]{0,24}\\.?[0-9]{0,24}(e-?[0-9]{1,3})?") {
+            let expected = text.parse::<f64>().ok().filter(|x| x.is_finite());
+            prop_assert_eq!(number(&text).map(f64::to_bits), expected.map(f64::to_bits), "{}", text);
         }
     }
 }

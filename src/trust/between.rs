@@ -6,11 +6,10 @@
 use nalgebra::{DMatrix, Matrix3};
 
 use super::covariance::Covariance;
+use super::undetermined::Evidence;
 use crate::frames::{FrameId, FrameTree, Freedom, Step};
 use crate::geometry::Pose;
-use crate::layout::Layout;
-use crate::recording::Recording;
-use crate::solve::{Assembler, Loss, Plan, Priors, State};
+use crate::solve::{Assembler, Loss, Plan, Priors};
 
 /// A direction that is undetermined to more than this share makes what depends on it undetermined.
 const SHARE: f64 = 0.01;
@@ -28,27 +27,16 @@ pub struct Relative {
     pub sigma: [[Option<f64>; 6]; 3],
 }
 
-/// What is needed of a solved cell.
-#[derive(Clone, Copy, Debug)]
-pub struct Solution<'a> {
-    /// The layout.
-    pub layout: &'a Layout,
-    /// Its frames.
-    pub tree: &'a FrameTree,
-    /// The recording it was solved from.
-    pub recording: &'a Recording,
-    /// The compiled measurements.
-    pub plan: &'a Plan,
-    /// The values found.
-    pub state: &'a State,
-    /// How certain they are.
-    pub covariance: &'a Covariance,
-}
-
 /// The pose of `to` in `from` at a configuration (an index into the plan's; any will do for frames that stand still against each other).
 #[must_use]
-pub fn relative(solution: &Solution<'_>, from: FrameId, to: FrameId, configuration: usize) -> Relative {
-    let Solution { layout, tree, recording, plan, state, covariance } = *solution;
+pub fn relative(
+    evidence: &Evidence<'_>,
+    covariance: &Covariance,
+    from: FrameId,
+    to: FrameId,
+    configuration: usize,
+) -> Relative {
+    let Evidence { layout, tree, recording, plan, state, .. } = *evidence;
     let mut longer = plan.clone();
     let path = longer.path(tree, from, to);
     let mut assembler = Assembler::new(layout, recording, &longer, Priors::default());

@@ -1,10 +1,11 @@
 //! `solve --between A B`: the pose between two frames of a solved cell, with its standard deviations.
 
+use super::diagnose::{block_poses, evidence};
 use super::solve::Solved;
 use crate::complaint::{Complaint, InputError, nearest};
 use crate::frames::{FrameId, Step};
 use crate::recording::Recording;
-use crate::trust::between::{Relative, Solution, relative};
+use crate::trust::between::{Relative, relative};
 
 /// Two frames and what lies between them.
 #[derive(Clone, Debug, PartialEq)]
@@ -54,15 +55,8 @@ pub fn between(
         )
         .into());
     };
-    let solution = Solution {
-        layout: &solved.layout,
-        tree: &solved.tree,
-        recording,
-        plan: &solved.plan,
-        state: &solved.state,
-        covariance: &solved.covariance,
-    };
-    let found = relative(&solution, a, b, configuration);
+    let poses = block_poses(solved, recording);
+    let found = relative(&evidence(solved, recording, &poses), &solved.covariance, a, b, configuration);
     let moves = !path.is_static();
     Ok(Between {
         from: from.to_owned(),

@@ -116,7 +116,7 @@ pub(super) fn attempt(layout: &Layout, recording: &Recording, start: &[(String, 
 }
 
 /// `sensor_from_target` of every block of a solution.
-fn block_poses(solved: &Solved, recording: &Recording) -> Vec<Vec<Pose>> {
+pub(super) fn block_poses(solved: &Solved, recording: &Recording) -> Vec<Vec<Pose>> {
     Assembler::new(&solved.layout, recording, &solved.plan, Priors::default()).block_poses(&solved.state)
 }
 
@@ -164,7 +164,7 @@ fn cases(solved: &Solved, recording: &Recording) -> Vec<Fault> {
     faults
 }
 
-fn evidence<'a>(solved: &'a Solved, recording: &'a Recording, poses: &'a [Vec<Pose>]) -> Evidence<'a> {
+pub(super) fn evidence<'a>(solved: &'a Solved, recording: &'a Recording, poses: &'a [Vec<Pose>]) -> Evidence<'a> {
     Evidence { layout: &solved.layout, tree: &solved.tree, recording, plan: &solved.plan, state: &solved.state, poses }
 }
 

@@ -382,10 +382,13 @@ fn hashes(
 ) -> Result<Vec<(String, String)>, InputError> {
     let mut all = Vec::new();
     for path in std::iter::once(&layout.file).chain(&layout.files).chain(&recording.files).chain(start) {
-        let bytes = std::fs::read(path).map_err(|e| {
-            Complaint::of(path, format!("the file cannot be read: {}", crate::layout::plain(&e)), "check the path")
-        })?;
-        let digest = Sha256::digest(&bytes);
+        let digest = match recording.digests.get(path) {
+            Some(digest) => *digest,
+            None => Sha256::digest(std::fs::read(path).map_err(|e| {
+                Complaint::of(path, format!("the file cannot be read: {}", crate::layout::plain(&e)), "check the path")
+            })?)
+            .into(),
+        };
         let hex: String = digest.iter().map(|byte| format!("{byte:02x}")).collect();
         let name = path.strip_prefix(&layout.recording).unwrap_or(path);
         all.push((name.display().to_string(), hex));

@@ -193,7 +193,7 @@ impl<'a> Validation<'a> {
             poses: r.poses.iter().filter(|row| keep(row.configuration)).cloned().collect(),
             points: r.points.iter().filter(|row| keep(row.configuration)).cloned().collect(),
             contacts: r.contacts.iter().filter(|row| keep(row.configuration)).cloned().collect(),
-            files: Vec::new(),
+            ..Recording::default()
         }
     }
 
