@@ -5,13 +5,16 @@
 //! [`super::loss::Loss::weight_and_bend`]), the point adds `J^T A J` and `J^T g` to the block's matrix. `A` and `g` cost little
 //! for each picture; `J` and the products are formed once a point.
 
+use std::marker::PhantomData;
+
 use pulp::{Arch, Simd, WithSimd};
 
-use super::kernels::{Condensed, UNSEEN};
-use super::lanes::{Lanes, WIDEST_REGISTER};
+use super::kernels::{Condensed, WIDEST};
+use super::lanes::{Lanes, Splat, Truths};
 use super::lens_lanes::{Differentiated, LensLanes, Projected};
 use super::loss::Loss;
-use super::pack::{OBSERVATION, PackedBlock};
+use super::pack::{PIXEL, PackedBlock, WEIGHT};
+use super::robust_lanes::Robust;
 use crate::geometry::Pose;
 use crate::geometry::lens::{MAX_PARAMETERS, with_lens};
 
@@ -46,85 +49,161 @@ impl View<'_> {
         with_lens!(self.model, L => {
             if free {
                 const PARAMETERS: usize = <L as crate::geometry::lens::Lens>::COUNT;
-                arch.dispatch(Condense::<L, { 7 + PARAMETERS }> { view: self, out, lens: std::marker::PhantomData });
+                const TILED: usize = (7 + PARAMETERS).div_ceil(WIDE) * WIDE;
+                arch.dispatch(CondenseFree::<L, { 7 + PARAMETERS }, TILED, { 4 * TILED + 1 }> { view: self, out, lens: PhantomData });
             } else {
-                arch.dispatch(Condense::<L, 7> { view: self, out, lens: std::marker::PhantomData });
+                arch.dispatch(Condense::<L> { view: self, out, lens: PhantomData });
             }
         });
     }
 
     /// The cost alone.
     pub(super) fn cost(self, arch: Arch) -> f64 {
-        with_lens!(self.model, L => arch.dispatch(Cost::<L> { view: self, lens: std::marker::PhantomData }))
+        with_lens!(self.model, L => arch.dispatch(Cost::<L> { view: self, lens: PhantomData }))
     }
 }
 
-/// The task of condensing; `W` is 7, or 7 plus the lens' parameters.
-struct Condense<'a, 'b, L, const W: usize> {
+/// The task of condensing over the twist alone. All sums stay in registers.
+struct Condense<'a, 'b, L> {
     view: View<'a>,
     out: &'b mut Condensed,
-    lens: std::marker::PhantomData<L>,
+    lens: PhantomData<L>,
 }
 
-impl<L: LensLanes, const W: usize> WithSimd for Condense<'_, '_, L, W> {
+impl<L: LensLanes> WithSimd for Condense<'_, '_, L> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let view = &self.view;
+        let (view, corners) = (&self.view, &self.view.corners);
         let zero = Lanes::splat(simd, 0.0);
         let rigid = Rigid::new(simd, view.camera_from_target);
         let mut robust = Robust::new(simd, view.loss);
-        let mut sums = [[zero; W]; W];
-        let mut first = view.corners.first;
-        for (register, &end) in view.corners.ends.iter().enumerate() {
-            let point: [Lanes<S>; 3] =
-                std::array::from_fn(|axis| Lanes::load(simd, view.corners.points, 3 * register + axis));
+        let mut sums = [[zero; 7]; 6];
+        let mut first = 0;
+        for (register, &end) in corners.ends.iter().enumerate() {
+            let point = place(simd, corners, register);
             let at: Differentiated<S> = L::differentiate_lanes(simd, view.lens, rigid.apply(&point));
-            let mut total = Total::new(zero);
-            for observation in first..end as usize {
-                let (d, [a, b, c]) = difference(simd, &view.corners, observation, &at.pixel);
-                let (ru, rv) = (a * d[0], b.times_plus(d[0], c * d[1]));
-                let counts = view.count(simd, register, a);
-                let squared = at.seen.choose(ru.times_plus(ru, rv * rv), zero);
-                let (weight, bend) = robust.add(squared);
-                let (weight, bend) = (at.seen.choose(weight, zero), at.seen.choose(bend, zero));
-                robust.hide(at.seen.choose(zero, counts));
-                total.add(weight, [a, b, c], [ru, rv], squared);
-                if view.curved {
-                    total.bend(bend, [a.times_plus(ru, b * rv), c * rv]);
-                }
-            }
+            let total = view.total(simd, &mut robust, register, first..end as usize, at.seen, &at.pixel);
             first = end as usize;
-            let (mut u, mut v) = ([zero; W], [zero; W]);
-            for i in 0..3 {
-                u[i] = rigid.turn(&at.by_point[0], i);
-                v[i] = rigid.turn(&at.by_point[1], i);
+            let u = rigid.row(&point, &at.by_point[0]);
+            let v = rigid.row(&point, &at.by_point[1]);
+            let [uu, uv, vv] = total.weight;
+            for i in 0..6 {
+                let au = uu.times_plus(u[i], uv * v[i]);
+                let av = uv.times_plus(u[i], vv * v[i]);
+                for j in 0..i + 1 {
+                    sums[j][i] = u[j].times_plus(au, v[j].times_plus(av, sums[j][i]));
+                }
+                sums[i][6] = u[i].times_plus(total.slope[0], v[i].times_plus(total.slope[1], sums[i][6]));
             }
-            for row in [&mut u, &mut v] {
-                let h = [row[0], row[1], row[2]];
-                let turned = cross(&point, &h);
-                row[3..6].copy_from_slice(&turned);
-            }
-            u[6..W - 1].copy_from_slice(&at.by_parameter[0][..W - 7]);
-            v[6..W - 1].copy_from_slice(&at.by_parameter[1][..W - 7]);
-            total.spread(&u, &v, &mut sums);
         }
         let m = &mut self.out.matrix;
-        for i in 0..W {
-            for j in i..W {
+        for i in 0..6 {
+            for j in i..7 {
                 m[i][j] = sums[i][j].sum();
             }
         }
-        self.out.size = W;
-        self.out.cost = view.corners.constant + robust.finish();
+        self.out.size = 7;
+        self.out.cost = corners.constant + robust.finish();
+    }
+}
+
+/// The task of condensing over the twist and the lens: `W` is 7 plus the lens' parameters, `P` that in whole tiles. The sums are too many for the
+/// processor's registers, so rows are set aside and multiplied tile by tile.
+struct CondenseFree<'a, 'b, L, const W: usize, const P: usize, const R: usize> {
+    view: View<'a>,
+    out: &'b mut Condensed,
+    lens: PhantomData<L>,
+}
+
+/// Rows of sums in a tile, and columns.
+const TALL: usize = 2;
+const WIDE: usize = 4;
+/// Points whose rows are set aside at most: they stay near the processor.
+const ASIDE: usize = 32;
+/// Numbers in a line of the processor's cache.
+const LINE: usize = 8;
+
+impl<L: LensLanes, const W: usize, const P: usize, const R: usize> WithSimd for CondenseFree<'_, '_, L, W, P, R> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let (view, corners) = (&self.view, &self.view.corners);
+        let rigid = Rigid::new(simd, view.camera_from_target);
+        let mut robust = Robust::new(simd, view.loss);
+        let Condensed { matrix, rows, size, cost } = self.out;
+        rows.resize(ASIDE * R + LINE, 0.0);
+        let start = rows.as_ptr().align_offset(LINE * size_of::<f64>()).min(LINE);
+        let rows = &mut rows[start..start + ASIDE * R];
+        // For each register of points: the rows of `J`, and those of `[A J, g]`. What stands past `W` is never looked at.
+        let (aside, _) = S::as_mut_simd_f64s(rows).0.as_chunks_mut::<R>();
+        for row in &mut matrix[..W - 1] {
+            row[..W].fill(0.0);
+        }
+        let (mut register, mut first) = (0, 0);
+        for ends in corners.ends.chunks(aside.len()) {
+            for (rows, &end) in aside.iter_mut().zip(ends) {
+                let ([us, vs, aus, avs], _) = rows.as_chunks_mut::<P>() else { return };
+                let point = place(simd, corners, register);
+                let at: Differentiated<S> = L::differentiate_lanes(simd, view.lens, rigid.apply(&point));
+                let total = view.total(simd, &mut robust, register, first..end as usize, at.seen, &at.pixel);
+                (register, first) = (register + 1, end as usize);
+                let twist = [rigid.row(&point, &at.by_point[0]), rigid.row(&point, &at.by_point[1])];
+                let [uu, uv, vv] = total.weight;
+                for i in 0..W - 1 {
+                    let (u, v) = if i < 6 {
+                        (twist[0][i], twist[1][i])
+                    } else {
+                        (at.by_parameter[0][i - 6], at.by_parameter[1][i - 6])
+                    };
+                    (us[i], vs[i]) = (u.values(), v.values());
+                    aus[i] = uu.times_plus(u, uv * v).values();
+                    avs[i] = uv.times_plus(u, vv * v).values();
+                }
+                (aus[W - 1], avs[W - 1]) = (total.slope[0].values(), total.slope[1].values());
+            }
+            multiply::<S, W, P, R>(simd, &aside[..ends.len()], matrix);
+        }
+        *size = W;
+        *cost = corners.constant + robust.finish();
+    }
+}
+
+/// Adds `J^T [A J, g]` of the rows set aside to a matrix, tile by tile.
+#[inline(always)]
+fn multiply<S: Simd, const W: usize, const P: usize, const R: usize>(
+    simd: S,
+    aside: &[[S::f64s; R]],
+    matrix: &mut [[f64; WIDEST]; WIDEST],
+) {
+    for i in (0..W - 1).step_by(TALL) {
+        for j in (i / WIDE * WIDE..W).step_by(WIDE) {
+            let mut tile = [[Lanes::splat(simd, 0.0); WIDE]; TALL];
+            for rows in aside {
+                let ([us, vs, aus, avs], _) = rows.as_chunks::<P>() else { return };
+                for a in 0..TALL {
+                    let (u, v) = (Lanes::of(simd, us[i + a]), Lanes::of(simd, vs[i + a]));
+                    for b in 0..WIDE {
+                        let (au, av) = (Lanes::of(simd, aus[j + b]), Lanes::of(simd, avs[j + b]));
+                        tile[a][b] = u.times_plus(au, v.times_plus(av, tile[a][b]));
+                    }
+                }
+            }
+            for a in 0..TALL {
+                for b in 0..WIDE.min(W - j) {
+                    matrix[i + a][j + b] += tile[a][b].sum();
+                }
+            }
+        }
     }
 }
 
 /// The task of evaluating the cost.
 struct Cost<'a, L> {
     view: View<'a>,
-    lens: std::marker::PhantomData<L>,
+    lens: PhantomData<L>,
 }
 
 impl<L: LensLanes> WithSimd for Cost<'_, L> {
@@ -132,58 +211,56 @@ impl<L: LensLanes> WithSimd for Cost<'_, L> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> f64 {
-        let view = &self.view;
-        let zero = Lanes::splat(simd, 0.0);
+        let (view, corners) = (&self.view, &self.view.corners);
         let rigid = Rigid::new(simd, view.camera_from_target);
         let mut robust = Robust::new(simd, view.loss);
-        let mut first = view.corners.first;
-        for (register, &end) in view.corners.ends.iter().enumerate() {
-            let point: [Lanes<S>; 3] =
-                std::array::from_fn(|axis| Lanes::load(simd, view.corners.points, 3 * register + axis));
-            let Projected { seen, pixel } = L::project_lanes(simd, view.lens, rigid.apply(&point));
+        let mut first = 0;
+        for (register, &end) in corners.ends.iter().enumerate() {
+            let point = place(simd, corners, register);
+            let at: Projected<S> = L::project_lanes(simd, view.lens, rigid.apply(&point));
             for observation in first..end as usize {
-                let (d, [a, b, c]) = difference(simd, &view.corners, observation, &pixel);
-                let (ru, rv) = (a * d[0], b.times_plus(d[0], c * d[1]));
-                let counts = view.count(simd, register, a);
-                robust.add(seen.choose(ru.times_plus(ru, rv * rv), zero));
-                robust.hide(seen.choose(zero, counts));
+                robust.add(Seen::new(simd, corners, observation, &at.pixel, at.seen).squared);
             }
+            robust.hide(at.seen, Lanes::load(simd, corners.counts, register));
             first = end as usize;
         }
-        view.corners.constant + robust.finish()
+        corners.constant + robust.finish()
     }
 }
 
-impl View<'_> {
-    /// How many corners an observation stands for: zero in a spare lane.
+/// A register of points.
+#[inline(always)]
+fn place<S: Simd>(simd: S, corners: &PackedBlock<'_>, register: usize) -> [Lanes<S>; 3] {
+    let first = 3 * register;
+    [
+        Lanes::load(simd, corners.points, first),
+        Lanes::load(simd, corners.points, first + 1),
+        Lanes::load(simd, corners.points, first + 2),
+    ]
+}
+
+/// A register of points as one observation shows them.
+struct Seen<S: Simd> {
+    /// `W^T W`: uu, uv, vv.
+    weight: [Lanes<S>; 3],
+    /// `W^T W d`.
+    slope: [Lanes<S>; 2],
+    /// `|W d|^2`, zero for a point that the camera cannot see.
+    squared: Lanes<S>,
+}
+
+impl<S: Simd> Seen<S> {
     #[inline(always)]
-    fn count<S: Simd>(&self, simd: S, register: usize, a: Lanes<S>) -> Lanes<S> {
-        if self.corners.counts.is_empty() {
-            let zero = Lanes::splat(simd, 0.0);
-            zero.less(a).choose(Lanes::splat(simd, 1.0), zero)
-        } else {
-            Lanes::load(simd, self.corners.counts, register)
-        }
+    fn new(simd: S, corners: &PackedBlock<'_>, observation: usize, pixel: &[Lanes<S>; 2], seen: Truths<S>) -> Self {
+        let du = pixel[0] - Lanes::load(simd, corners.pixels, PIXEL * observation);
+        let dv = pixel[1] - Lanes::load(simd, corners.pixels, PIXEL * observation + 1);
+        let uu = Lanes::load(simd, corners.weights, WEIGHT * observation);
+        let uv = Lanes::load(simd, corners.weights, WEIGHT * observation + 1);
+        let vv = Lanes::load(simd, corners.weights, WEIGHT * observation + 2);
+        let slope = [uu.times_plus(du, uv * dv), uv.times_plus(du, vv * dv)];
+        let squared = seen.choose(slope[0].times_plus(du, slope[1] * dv), Lanes::splat(simd, 0.0));
+        Self { weight: [uu, uv, vv], slope, squared }
     }
-}
-
-/// How far a pixel is from an observed one, and the observation's whitener.
-#[inline(always)]
-fn difference<S: Simd>(
-    simd: S,
-    corners: &PackedBlock<'_>,
-    observation: usize,
-    pixel: &[Lanes<S>; 2],
-) -> ([Lanes<S>; 2], [Lanes<S>; 3]) {
-    let row = &corners.observations[observation * OBSERVATION * Lanes::<S>::COUNT..];
-    let [u, v, a, b, c] = std::array::from_fn(|i| Lanes::load(simd, row, i));
-    ([pixel[0] - u, pixel[1] - v], [a, b, c])
-}
-
-#[inline(always)]
-fn cross<S: Simd>(a: &[Lanes<S>; 3], b: &[Lanes<S>; 3]) -> [Lanes<S>; 3] {
-    let part = |i: usize, j: usize| a[i].times_plus(b[j], -(a[j] * b[i]));
-    [part(1, 2), part(2, 0), part(0, 1)]
 }
 
 /// A transform whose numbers fill registers.
@@ -195,23 +272,35 @@ struct Rigid<S: Simd> {
 impl<S: Simd> Rigid<S> {
     #[inline(always)]
     fn new(simd: S, pose: &Pose) -> Self {
-        let m = pose.rotation_matrix();
-        let r = std::array::from_fn(|i| std::array::from_fn(|j| Lanes::splat(simd, m[(i, j)])));
-        Self { r, t: std::array::from_fn(|i| Lanes::splat(simd, pose.translation[i])) }
+        let (m, t, n) = (pose.rotation_matrix(), &pose.translation, Splat(simd));
+        let mut r = [[n.of(0.0); 3]; 3];
+        for i in 0..3 {
+            for j in 0..3 {
+                r[i][j] = n.of(m[(i, j)]);
+            }
+        }
+        Self { r, t: [n.of(t.x), n.of(t.y), n.of(t.z)] }
     }
 
     #[inline(always)]
     fn apply(&self, p: &[Lanes<S>; 3]) -> [Lanes<S>; 3] {
-        std::array::from_fn(|i| {
-            let [x, y, z] = self.r[i];
-            x.times_plus(p[0], y.times_plus(p[1], z.times_plus(p[2], self.t[i])))
-        })
+        let mut moved = self.t;
+        for (sum, [x, y, z]) in moved.iter_mut().zip(self.r) {
+            *sum = x.times_plus(p[0], y.times_plus(p[1], z.times_plus(p[2], *sum)));
+        }
+        moved
     }
 
-    /// Component `i` of `R^T g`.
+    /// The derivative of a coordinate to the twist on the right: `R^T g`, and the cross product of the point with it.
     #[inline(always)]
-    fn turn(&self, g: &[Lanes<S>; 3], i: usize) -> Lanes<S> {
-        self.r[0][i].times_plus(g[0], self.r[1][i].times_plus(g[1], self.r[2][i] * g[2]))
+    fn row(&self, p: &[Lanes<S>; 3], g: &[Lanes<S>; 3]) -> [Lanes<S>; 6] {
+        let mut along = *g;
+        for (i, sum) in along.iter_mut().enumerate() {
+            *sum = self.r[0][i].times_plus(g[0], self.r[1][i].times_plus(g[1], self.r[2][i] * g[2]));
+        }
+        let [x, y, z] = along;
+        let about = [p[1].times_plus(z, -(p[2] * y)), p[2].times_plus(x, -(p[0] * z)), p[0].times_plus(y, -(p[1] * x))];
+        [x, y, z, about[0], about[1], about[2]]
     }
 }
 
@@ -220,147 +309,44 @@ struct Total<S: Simd> {
     /// `A`: uu, uv, vv.
     weight: [Lanes<S>; 3],
     /// `g`.
-    gradient: [Lanes<S>; 2],
-    /// `sum w |W d|^2`.
-    squared: Lanes<S>,
+    slope: [Lanes<S>; 2],
 }
 
-impl<S: Simd> Total<S> {
+impl View<'_> {
+    /// Sums over the observations of a register of points.
     #[inline(always)]
-    fn new(zero: Lanes<S>) -> Self {
-        Self { weight: [zero; 3], gradient: [zero; 2], squared: zero }
-    }
-
-    #[inline(always)]
-    fn add(&mut self, weight: Lanes<S>, [a, b, c]: [Lanes<S>; 3], [ru, rv]: [Lanes<S>; 2], squared: Lanes<S>) {
-        let (wa, wb, wc) = (weight * a, weight * b, weight * c);
-        self.weight[0] = wa.times_plus(a, wb.times_plus(b, self.weight[0]));
-        self.weight[1] = wb.times_plus(c, self.weight[1]);
-        self.weight[2] = wc.times_plus(c, self.weight[2]);
-        self.gradient[0] = wa.times_plus(ru, wb.times_plus(rv, self.gradient[0]));
-        self.gradient[1] = wc.times_plus(rv, self.gradient[1]);
-        self.squared = weight.times_plus(squared, self.squared);
-    }
-
-    /// Adds the loss' own curvature along the residual.
-    #[inline(always)]
-    fn bend(&mut self, bend: Lanes<S>, [gu, gv]: [Lanes<S>; 2]) {
-        let (bu, bv) = (bend * gu, bend * gv);
-        self.weight[0] = bu.times_plus(gu, self.weight[0]);
-        self.weight[1] = bu.times_plus(gv, self.weight[1]);
-        self.weight[2] = bv.times_plus(gv, self.weight[2]);
-    }
-
-    /// Adds `[J g]`'s products to the block's sums; `u` and `v` are the rows of `J`, their last place is spare.
-    #[inline(always)]
-    fn spread<const W: usize>(&self, u: &[Lanes<S>; W], v: &[Lanes<S>; W], sums: &mut [[Lanes<S>; W]; W]) {
-        let [uu, uv, vv] = self.weight;
-        let [gu, gv] = self.gradient;
-        let (mut au, mut av) = (*u, *v);
-        for i in 0..W - 1 {
-            au[i] = uu.times_plus(u[i], uv * v[i]);
-            av[i] = uv.times_plus(u[i], vv * v[i]);
-        }
-        (au[W - 1], av[W - 1]) = (gu, gv);
-        for i in 0..W - 1 {
-            for j in i..W {
-                sums[i][j] = u[i].times_plus(au[j], v[i].times_plus(av[j], sums[i][j]));
-            }
-        }
-        sums[W - 1][W - 1] += self.squared;
-    }
-}
-
-/// The cost under a loss, summed register by register.
-struct Robust<S: Simd> {
-    loss: Loss,
-    simd: S,
-    /// `sum rho`, without what is still in `product`.
-    sum: Lanes<S>,
-    /// Corners that cannot be seen.
-    hidden: Lanes<S>,
-    /// For Cauchy's loss: `prod (1 + t) - 1`, so that several logarithms become one.
-    product: Lanes<S>,
-    factors: u32,
-}
-
-/// Factors that cannot overflow together: each is at most about 1e30.
-const FACTORS: u32 = 8;
-
-impl<S: Simd> Robust<S> {
-    #[inline(always)]
-    fn new(simd: S, loss: Loss) -> Self {
+    fn total<S: Simd>(
+        &self,
+        simd: S,
+        robust: &mut Robust<S>,
+        register: usize,
+        observations: std::ops::Range<usize>,
+        seen: Truths<S>,
+        pixel: &[Lanes<S>; 2],
+    ) -> Total<S> {
         let zero = Lanes::splat(simd, 0.0);
-        Self { loss, simd, sum: zero, hidden: zero, product: zero, factors: 0 }
-    }
-
-    /// Adds a register of squared residuals; returns [`Loss::weight_and_bend`] of each.
-    #[inline(always)]
-    fn add(&mut self, s: Lanes<S>) -> (Lanes<S>, Lanes<S>) {
-        let simd = self.simd;
-        let n = |value: f64| Lanes::splat(simd, value);
-        match self.loss {
-            Loss::Squared => {
-                self.sum += s;
-                (n(1.0), n(0.0))
+        let (mut weight, mut slope) = ([zero; 3], [zero; 2]);
+        for observation in observations {
+            let one = Seen::new(simd, &self.corners, observation, pixel, seen);
+            let (w, bend) = robust.add(one.squared);
+            let w = seen.choose(w, zero);
+            for (sum, value) in weight.iter_mut().zip(one.weight) {
+                *sum = w.times_plus(value, *sum);
             }
-            Loss::Huber(k) => {
-                let far = n(k * k).less(s);
-                let r = s.root();
-                // Away from zero, where the division is not used.
-                let reach = r.max(n(k));
-                let weight = n(k).over(reach);
-                self.sum += far.choose(r.times_plus(n(2.0 * k), n(-k * k)), s);
-                (far.choose(weight, n(1.0)), far.choose(-weight.over(reach * reach), n(0.0)))
+            for (sum, value) in slope.iter_mut().zip(one.slope) {
+                *sum = w.times_plus(value, *sum);
             }
-            Loss::Cauchy(k) => {
-                let t = s * n(1.0 / (k * k));
-                self.product = self.product + t + self.product * t;
-                self.factors += 1;
-                if self.factors == FACTORS {
-                    self.flush(k);
-                }
-                let weight = n(1.0).over(t + n(1.0));
-                let full = n(-2.0 / (k * k)) * weight * weight;
-                (weight, full.max(-weight.over(s.max(n(f64::MIN_POSITIVE)))))
-            }
-            Loss::Tukey(k) => {
-                let u = s * n(1.0 / (k * k));
-                let near = u.less(n(1.0));
-                let rest = n(1.0) - u;
-                let inside = s * u.times_plus(u.times_plus(n(1.0 / 3.0), n(-1.0)), n(1.0));
-                // A residual that is no number stays one: it is on neither side of the limit.
-                let beyond = n(1.0).less(u).choose(n(k * k / 3.0), inside);
-                self.sum += near.choose(inside, beyond);
-                let weight = near.choose(rest * rest, n(0.0));
-                let full = near.choose(n(-4.0 / (k * k)) * rest, n(0.0));
-                (weight, full.max(-weight.over(s.max(n(f64::MIN_POSITIVE)))))
+            if self.curved {
+                // The loss' own curvature along the residual.
+                let [gu, gv] = one.slope;
+                let bend = seen.choose(bend, zero);
+                let (bu, bv) = (bend * gu, bend * gv);
+                weight[0] = bu.times_plus(gu, weight[0]);
+                weight[1] = bu.times_plus(gv, weight[1]);
+                weight[2] = bv.times_plus(gv, weight[2]);
             }
         }
-    }
-
-    /// Counts corners that cannot be seen.
-    #[inline(always)]
-    fn hide(&mut self, count: Lanes<S>) {
-        self.hidden += count;
-    }
-
-    #[inline(always)]
-    fn flush(&mut self, k: f64) {
-        let mut values = [0.0; WIDEST_REGISTER];
-        self.product.store(&mut values);
-        values.iter_mut().take(Lanes::<S>::COUNT).for_each(|value| *value = value.ln_1p() * k * k);
-        self.sum += Lanes::load(self.simd, &values, 0);
-        self.product = Lanes::splat(self.simd, 0.0);
-        self.factors = 0;
-    }
-
-    /// Half the sum of losses.
-    #[inline(always)]
-    fn finish(mut self) -> f64 {
-        if let Loss::Cauchy(k) = self.loss {
-            self.flush(k);
-        }
-        0.5 * (self.sum.sum() + self.hidden.sum() * self.loss.evaluate(UNSEEN).0)
+        robust.hide(seen, Lanes::load(simd, self.corners.counts, register));
+        Total { weight, slope }
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! Corners have kernels of their own ([`super::corners`]); here are the other kinds. With `r` the whitened residuals of a block, `J` their derivative to the twist of the block's transform on the right and to the lens, and `W` the
 //! robust weights, a kernel forms `M = [J r]^T W [J r]`. Its layout is: 3 translations, 3 rotations, the lens parameters, and last the
-//! residual, so that `M`'s last column is the gradient. Only the upper triangle is filled.
+//! residual, so that `M`'s last column is the gradient. Only the upper triangle is filled; corners leave out the residual's own square, which nobody asks for.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -27,11 +27,13 @@ pub struct Condensed {
     pub size: usize,
     /// Sum of the losses, `rho / 2`.
     pub cost: f64,
+    /// Room for the rows of corners.
+    pub(super) rows: Vec<f64>,
 }
 
 impl Default for Condensed {
     fn default() -> Self {
-        Self { matrix: [[0.0; WIDEST]; WIDEST], size: 7, cost: 0.0 }
+        Self { matrix: [[0.0; WIDEST]; WIDEST], size: 7, cost: 0.0, rows: Vec::new() }
     }
 }
 

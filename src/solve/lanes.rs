@@ -14,6 +14,17 @@ pub(super) struct Lanes<S: Simd> {
     values: S::f64s,
 }
 
+/// Numbers that fill a register each. A value and not a closure: the compiler does not let closures use the registers that they are called with.
+#[derive(Clone, Copy)]
+pub(super) struct Splat<S: Simd>(pub(super) S);
+
+impl<S: Simd> Splat<S> {
+    #[inline(always)]
+    pub fn of(self, value: f64) -> Lanes<S> {
+        Lanes::splat(self.0, value)
+    }
+}
+
 /// A register of truths.
 #[derive(Clone, Copy)]
 pub(super) struct Truths<S: Simd> {
@@ -35,6 +46,17 @@ impl<S: Simd> Lanes<S> {
     pub fn load(simd: S, from: &[f64], index: usize) -> Self {
         let start = index * Self::COUNT;
         Self { simd, values: S::as_simd_f64s(&from[start..start + Self::COUNT]).0[0] }
+    }
+
+    #[inline(always)]
+    pub fn of(simd: S, values: S::f64s) -> Self {
+        Self { simd, values }
+    }
+
+    /// The register itself.
+    #[inline(always)]
+    pub fn values(self) -> S::f64s {
+        self.values
     }
 
     /// The numbers, first to last; `to` must hold at least [`Self::COUNT`].

@@ -4,7 +4,7 @@
 
 use pulp::Simd;
 
-use super::lanes::{Lanes, Truths};
+use super::lanes::{Lanes, Splat, Truths};
 use crate::geometry::lens::{Brown, KannalaBrandt, Lens, MAX_PARAMETERS, Pinhole, Rational};
 
 /// Projections of a register of points.
@@ -32,39 +32,39 @@ pub(super) trait LensLanes: Lens {
 
 /// As in [`crate::geometry::lens`].
 const NEAREST: f64 = 1e-9;
+/// The last depth that is too near.
+const TOO_NEAR: f64 = NEAREST.next_down();
 
 /// Which points lie before the lens, one over their depth (of one metre for the others), and (x/z, y/z).
 #[inline(always)]
 fn normalised<S: Simd>(simd: S, point: [Lanes<S>; 3]) -> (Truths<S>, Lanes<S>, [Lanes<S>; 2]) {
     let one = Lanes::splat(simd, 1.0);
-    let hidden = point[2].less(Lanes::splat(simd, NEAREST));
-    let depth = hidden.choose(one, point[2]);
-    let w = one.over(depth);
-    // Turned round by comparing with one, so that a depth that is not a number counts as hidden too.
-    let seen = Lanes::splat(simd, 0.5 * NEAREST).less(hidden.choose(Lanes::splat(simd, 0.0), point[2]));
+    // A depth that is not a number is not beyond the nearest.
+    let seen = Lanes::splat(simd, TOO_NEAR).less(point[2]);
+    let w = one.over(seen.choose(point[2], one));
     (seen, w, [point[0] * w, point[1] * w])
 }
 
 impl LensLanes for Pinhole {
     #[inline(always)]
     fn project_lanes<S: Simd>(simd: S, p: &[f64; MAX_PARAMETERS], point: [Lanes<S>; 3]) -> Projected<S> {
-        let n = |value: f64| Lanes::splat(simd, value);
+        let n = Splat(simd);
         let (seen, _, [x, y]) = normalised(simd, point);
-        Projected { seen, pixel: [x.times_plus(n(p[0]), n(p[2])), y.times_plus(n(p[1]), n(p[3]))] }
+        Projected { seen, pixel: [x.times_plus(n.of(p[0]), n.of(p[2])), y.times_plus(n.of(p[1]), n.of(p[3]))] }
     }
 
     #[inline(always)]
     fn differentiate_lanes<S: Simd>(simd: S, p: &[f64; MAX_PARAMETERS], point: [Lanes<S>; 3]) -> Differentiated<S> {
-        let n = |value: f64| Lanes::splat(simd, value);
+        let n = Splat(simd);
         let (seen, w, [x, y]) = normalised(simd, point);
-        let (zero, one) = (n(0.0), n(1.0));
+        let (zero, one) = (n.of(0.0), n.of(1.0));
         let mut by_parameter = [[zero; MAX_PARAMETERS]; 2];
         (by_parameter[0][0], by_parameter[0][2]) = (x, one);
         (by_parameter[1][1], by_parameter[1][3]) = (y, one);
-        let (fx, fy) = (n(p[0]) * w, n(p[1]) * w);
+        let (fx, fy) = (n.of(p[0]) * w, n.of(p[1]) * w);
         Differentiated {
             seen,
-            pixel: [x.times_plus(n(p[0]), n(p[2])), y.times_plus(n(p[1]), n(p[3]))],
+            pixel: [x.times_plus(n.of(p[0]), n.of(p[2])), y.times_plus(n.of(p[1]), n.of(p[3]))],
             by_point: [[fx, zero, -(fx * x)], [zero, fy, -(fy * y)]],
             by_parameter,
         }
@@ -101,104 +101,117 @@ fn bend<S: Simd>(p: &[f64; MAX_PARAMETERS], [x, y]: [Lanes<S>; 2], r2: Lanes<S>,
     [x.times_plus(radial, (p1 + p1).times_plus(xy, p2 * xx)), y.times_plus(radial, p1.times_plus(yy, (p2 + p2) * xy))]
 }
 
-#[inline(always)]
-fn brown_project<S: Simd>(
-    simd: S,
-    p: &[f64; MAX_PARAMETERS],
-    point: [Lanes<S>; 3],
-    radial: impl Fn(Lanes<S>) -> Lanes<S>,
-) -> Projected<S> {
-    let n = |value: f64| Lanes::splat(simd, value);
-    let (seen, _, [x, y]) = normalised(simd, point);
-    let r2 = x.times_plus(x, y * y);
-    let [xd, yd] = bend(p, [x, y], r2, radial(r2));
-    Projected { seen, pixel: [xd.times_plus(n(p[0]), n(p[2])), yd.times_plus(n(p[1]), n(p[3]))] }
+/// A Brown-type model: a radial factor beside Brown's tangential part.
+trait Radially {
+    /// The factor, for the squared distance from the axis.
+    fn factor<S: Simd>(p: &[f64; MAX_PARAMETERS], r2: Lanes<S>) -> Lanes<S>;
 }
 
 #[inline(always)]
-fn brown_differentiate<S: Simd, const N: usize>(
+fn brown_project<L: Radially, S: Simd>(simd: S, p: &[f64; MAX_PARAMETERS], point: [Lanes<S>; 3]) -> Projected<S> {
+    let n = Splat(simd);
+    let (seen, _, [x, y]) = normalised(simd, point);
+    let r2 = x.times_plus(x, y * y);
+    let [xd, yd] = bend(p, [x, y], r2, L::factor(p, r2));
+    Projected { seen, pixel: [xd.times_plus(n.of(p[0]), n.of(p[2])), yd.times_plus(n.of(p[1]), n.of(p[3]))] }
+}
+
+/// The rest of the derivatives, from the radial factor `g` of the normalised point `at`.
+#[inline(always)]
+fn brown_derivatives<S: Simd, const N: usize>(
     simd: S,
     p: &[f64; MAX_PARAMETERS],
-    point: [Lanes<S>; 3],
-    radial: impl Fn(Lanes<S>) -> Radial<S, N>,
+    (seen, w, [x, y]): (Truths<S>, Lanes<S>, [Lanes<S>; 2]),
+    r2: Lanes<S>,
+    g: &Radial<S, N>,
     places: [usize; N],
 ) -> Differentiated<S> {
-    let n = |value: f64| Lanes::splat(simd, value);
-    let (seen, w, [x, y]) = normalised(simd, point);
-    let r2 = x.times_plus(x, y * y);
-    let g = radial(r2);
+    let n = Splat(simd);
     let [xd, yd] = bend(p, [x, y], r2, g.value);
-    let (fx, fy) = (n(p[0]), n(p[1]));
-    let (p1x, p1y, p2x, p2y) = (n(p[6]) * x, n(p[6]) * y, n(p[7]) * x, n(p[7]) * y);
+    let (fx, fy) = (n.of(p[0]), n.of(p[1]));
+    let (p1x, p1y, p2x, p2y) = (n.of(p[6]) * x, n.of(p[6]) * y, n.of(p[7]) * x, n.of(p[7]) * y);
     let slope = g.by_r2 + g.by_r2;
     let xx = (x * x).times_plus(slope, g.value) + 2.0 * p1y + 6.0 * p2x;
     let xy = (x * y).times_plus(slope, 2.0 * (p1x + p2y));
     let yy = (y * y).times_plus(slope, g.value) + 6.0 * p1y + 2.0 * p2x;
-    let mut by_parameter = [[n(0.0); MAX_PARAMETERS]; 2];
-    (by_parameter[0][0], by_parameter[0][2]) = (xd, n(1.0));
-    (by_parameter[1][1], by_parameter[1][3]) = (yd, n(1.0));
+    let mut by_parameter = [[n.of(0.0); MAX_PARAMETERS]; 2];
+    (by_parameter[0][0], by_parameter[0][2]) = (xd, n.of(1.0));
+    (by_parameter[1][1], by_parameter[1][3]) = (yd, n.of(1.0));
     let (x_px, y_px) = (fx * x, fy * y);
-    for (place, by) in places.into_iter().zip(g.by_coefficient) {
-        by_parameter[0][place] = x_px * by;
-        by_parameter[1][place] = y_px * by;
+    for i in 0..N {
+        by_parameter[0][places[i]] = x_px * g.by_coefficient[i];
+        by_parameter[1][places[i]] = y_px * g.by_coefficient[i];
     }
     let double_xy = 2.0 * (x * y);
     (by_parameter[0][6], by_parameter[0][7]) = (fx * double_xy, fx * (x + x).times_plus(x, r2));
     (by_parameter[1][6], by_parameter[1][7]) = (fy * (y + y).times_plus(y, r2), fy * double_xy);
+    let pixel = [xd.times_plus(fx, n.of(p[2])), yd.times_plus(fy, n.of(p[3]))];
     let (fx, fy) = (fx * w, fy * w);
     let (ux, uy, vx, vy) = (fx * xx, fx * xy, fy * xy, fy * yy);
     Differentiated {
         seen,
-        pixel: [xd.times_plus(n(p[0]), n(p[2])), yd.times_plus(n(p[1]), n(p[3]))],
+        pixel,
         by_point: [[ux, uy, -ux.times_plus(x, uy * y)], [vx, vy, -vx.times_plus(x, vy * y)]],
         by_parameter,
+    }
+}
+
+impl Radially for Brown {
+    #[inline(always)]
+    fn factor<S: Simd>(p: &[f64; MAX_PARAMETERS], r2: Lanes<S>) -> Lanes<S> {
+        cubic(r2, [1.0, p[4], p[5], p[8]])
     }
 }
 
 impl LensLanes for Brown {
     #[inline(always)]
     fn project_lanes<S: Simd>(simd: S, p: &[f64; MAX_PARAMETERS], point: [Lanes<S>; 3]) -> Projected<S> {
-        brown_project(simd, p, point, |r2| cubic(r2, [1.0, p[4], p[5], p[8]]))
+        brown_project::<Self, S>(simd, p, point)
     }
 
     #[inline(always)]
     fn differentiate_lanes<S: Simd>(simd: S, p: &[f64; MAX_PARAMETERS], point: [Lanes<S>; 3]) -> Differentiated<S> {
-        let radial = |r2: Lanes<S>| {
-            let r4 = r2 * r2;
-            Radial {
-                value: cubic(r2, [1.0, p[4], p[5], p[8]]),
-                by_r2: square(r2, [p[4], 2.0 * p[5], 3.0 * p[8]]),
-                by_coefficient: [r2, r4, r4 * r2],
-            }
+        let (seen, w, [x, y]) = normalised(simd, point);
+        let r2 = x.times_plus(x, y * y);
+        let r4 = r2 * r2;
+        let radial = Radial {
+            value: Self::factor(p, r2),
+            by_r2: square(r2, [p[4], 2.0 * p[5], 3.0 * p[8]]),
+            by_coefficient: [r2, r4, r4 * r2],
         };
-        brown_differentiate(simd, p, point, radial, [4, 5, 8])
+        brown_derivatives(simd, p, (seen, w, [x, y]), r2, &radial, [4, 5, 8])
+    }
+}
+
+impl Radially for Rational {
+    #[inline(always)]
+    fn factor<S: Simd>(p: &[f64; MAX_PARAMETERS], r2: Lanes<S>) -> Lanes<S> {
+        cubic(r2, [1.0, p[4], p[5], p[8]]).over(cubic(r2, [1.0, p[9], p[10], p[11]]))
     }
 }
 
 impl LensLanes for Rational {
     #[inline(always)]
     fn project_lanes<S: Simd>(simd: S, p: &[f64; MAX_PARAMETERS], point: [Lanes<S>; 3]) -> Projected<S> {
-        brown_project(simd, p, point, |r2| {
-            cubic(r2, [1.0, p[4], p[5], p[8]]).over(cubic(r2, [1.0, p[9], p[10], p[11]]))
-        })
+        brown_project::<Self, S>(simd, p, point)
     }
 
     #[inline(always)]
     fn differentiate_lanes<S: Simd>(simd: S, p: &[f64; MAX_PARAMETERS], point: [Lanes<S>; 3]) -> Differentiated<S> {
-        let radial = |r2: Lanes<S>| {
-            let inverse = r2.like(1.0).over(cubic(r2, [1.0, p[9], p[10], p[11]]));
-            let value = cubic(r2, [1.0, p[4], p[5], p[8]]) * inverse;
-            let top_slope = square(r2, [p[4], 2.0 * p[5], 3.0 * p[8]]);
-            let bottom_slope = square(r2, [p[9], 2.0 * p[10], 3.0 * p[11]]);
-            let first = r2 * inverse;
-            let (second, third) = (first * r2, first * r2 * r2);
-            Radial {
-                value,
-                by_r2: (top_slope - value * bottom_slope) * inverse,
-                by_coefficient: [first, second, third, -(value * first), -(value * second), -(value * third)],
-            }
+        let (seen, w, [x, y]) = normalised(simd, point);
+        let r2 = x.times_plus(x, y * y);
+        let inverse = r2.like(1.0).over(cubic(r2, [1.0, p[9], p[10], p[11]]));
+        let value = cubic(r2, [1.0, p[4], p[5], p[8]]) * inverse;
+        let top_slope = square(r2, [p[4], 2.0 * p[5], 3.0 * p[8]]);
+        let bottom_slope = square(r2, [p[9], 2.0 * p[10], 3.0 * p[11]]);
+        let first = r2 * inverse;
+        let (second, third) = (first * r2, first * r2 * r2);
+        let radial = Radial {
+            value,
+            by_r2: (top_slope - value * bottom_slope) * inverse,
+            by_coefficient: [first, second, third, -(value * first), -(value * second), -(value * third)],
         };
-        brown_differentiate(simd, p, point, radial, [4, 5, 8, 9, 10, 11])
+        brown_derivatives(simd, p, (seen, w, [x, y]), r2, &radial, [4, 5, 8, 9, 10, 11])
     }
 }
 
@@ -216,8 +229,8 @@ struct Bent<S: Simd> {
 
 #[inline(always)]
 fn fisheye<S: Simd>(simd: S, p: &[f64; MAX_PARAMETERS], [x, y, z]: [Lanes<S>; 3]) -> Bent<S> {
-    let n = |value: f64| Lanes::splat(simd, value);
-    let (zero, one, nearest) = (n(0.0), n(1.0), n(NEAREST));
+    let n = Splat(simd);
+    let (zero, one, nearest) = (n.of(0.0), n.of(1.0), n.of(NEAREST));
     let squared = x.times_plus(x, y * y);
     let off_axis = nearest.less(squared.root());
     let rho = off_axis.choose(squared.root(), one);
@@ -234,17 +247,20 @@ fn fisheye<S: Simd>(simd: S, p: &[f64; MAX_PARAMETERS], [x, y, z]: [Lanes<S>; 3]
 impl LensLanes for KannalaBrandt {
     #[inline(always)]
     fn project_lanes<S: Simd>(simd: S, p: &[f64; MAX_PARAMETERS], point: [Lanes<S>; 3]) -> Projected<S> {
-        let n = |value: f64| Lanes::splat(simd, value);
+        let n = Splat(simd);
         let Bent { seen, scale, .. } = fisheye(simd, p, point);
-        let pixel = [(point[0] * scale).times_plus(n(p[0]), n(p[2])), (point[1] * scale).times_plus(n(p[1]), n(p[3]))];
+        let pixel = [
+            (point[0] * scale).times_plus(n.of(p[0]), n.of(p[2])),
+            (point[1] * scale).times_plus(n.of(p[1]), n.of(p[3])),
+        ];
         Projected { seen, pixel }
     }
 
     #[inline(always)]
     fn differentiate_lanes<S: Simd>(simd: S, p: &[f64; MAX_PARAMETERS], point: [Lanes<S>; 3]) -> Differentiated<S> {
-        let n = |value: f64| Lanes::splat(simd, value);
+        let n = Splat(simd);
         let [x, y, z] = point;
-        let (zero, one) = (n(0.0), n(1.0));
+        let (zero, one) = (n.of(0.0), n.of(1.0));
         let Bent { seen, off_axis, rho, angle, scale } = fisheye(simd, p, point);
         let t = angle * angle;
         let slope = t.times_plus(cubic(t, [3.0 * p[4], 5.0 * p[5], 7.0 * p[6], 9.0 * p[7]]), one);
@@ -258,7 +274,7 @@ impl LensLanes for KannalaBrandt {
         let mut by_parameter = [[zero; MAX_PARAMETERS]; 2];
         (by_parameter[0][0], by_parameter[0][2]) = (x * scale, one);
         (by_parameter[1][1], by_parameter[1][3]) = (y * scale, one);
-        let (fx, fy) = (n(p[0]), n(p[1]));
+        let (fx, fy) = (n.of(p[0]), n.of(p[1]));
         let mut power = off_axis.choose(angle * t * inverse_rho, zero);
         let [by_u, by_v] = &mut by_parameter;
         for (u, v) in by_u[4..8].iter_mut().zip(&mut by_v[4..8]) {
@@ -268,7 +284,7 @@ impl LensLanes for KannalaBrandt {
         }
         Differentiated {
             seen,
-            pixel: [(x * scale).times_plus(fx, n(p[2])), (y * scale).times_plus(fy, n(p[3]))],
+            pixel: [(x * scale).times_plus(fx, n.of(p[2])), (y * scale).times_plus(fy, n.of(p[3]))],
             by_point: [
                 [fx * x.times_plus(scale_x, scale), fx * x * scale_y, fx * x * scale_z],
                 [fy * y * scale_x, fy * y.times_plus(scale_y, scale), fy * y * scale_z],

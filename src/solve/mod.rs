@@ -25,6 +25,7 @@ mod pack;
 mod plan;
 mod prior;
 mod robots;
+mod robust_lanes;
 mod state;
 pub mod terms;
 mod unknowns;

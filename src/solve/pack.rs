@@ -3,36 +3,48 @@
 //! Within a block, the pictures taken at one configuration show the same points from the same place, so a point is projected once however many
 //! pictures show it, and its pictures follow as *observations*. Under plain least squares all observations of a point are worth exactly one: their
 //! weighted mean with the sum of their weights, and a constant cost.
+//!
+//! Most pictures of a target show the same points with the same weights as the one before, so points and weights are kept once for a run of such
+//! blocks: two numbers a corner remain to be read.
 
 use rayon::prelude::*;
 
 use super::plan::{Block, GroupKind, Measurements, Plan};
 
-/// Numbers of one observation: u, v (px), and the whitener `[a, b, c]`.
-pub(super) const OBSERVATION: usize = 5;
+/// Numbers of one observation's pixel: u, v (px).
+pub(super) const PIXEL: usize = 2;
+/// Numbers of one observation's weight `W^T W`: uu, uv, vv (1/px^2).
+pub(super) const WEIGHT: usize = 3;
 
 /// Blocks whose corners lie in one piece of memory.
 const CHUNK: usize = 64;
 
-/// The corners of some neighbouring blocks.
+/// The corners of some neighbouring blocks. What is said of registers here has `lanes` numbers for each; a spare lane repeats a point and weighs nothing.
 #[derive(Clone, Debug, Default)]
 struct Chunk {
-    /// For each register of points: x, y, z (m), each `lanes` numbers. Spare lanes repeat a point.
+    /// For each register of points: x, y, z (m).
     points: Vec<f64>,
-    /// For each register of points and each observation of them: [`OBSERVATION`] times `lanes` numbers. Spare lanes are zero.
-    observations: Vec<f64>,
-    /// Where each register's observations end, counted in observations.
+    /// For each register where its observations end, counted from the block's first.
     ends: Vec<u32>,
-    /// How many corners stand behind each point; empty if every observation is a corner.
+    /// For each register how many corners stand behind each point; zero in a spare lane.
     counts: Vec<f64>,
+    /// For each register and each observation of it: [`WEIGHT`].
+    weights: Vec<f64>,
+    /// The same: [`PIXEL`].
+    pixels: Vec<f64>,
 }
 
 /// Where the corners of a block are.
 #[derive(Clone, Copy, Debug, Default)]
 struct Place {
     chunk: usize,
+    /// The first register of points, and how many there are.
     first: usize,
-    end: usize,
+    registers: usize,
+    /// The first observation's weight, its pixel, and how many observations there are.
+    weight: usize,
+    pixel: usize,
+    observations: usize,
     constant: f64,
 }
 
@@ -40,12 +52,10 @@ struct Place {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PackedBlock<'a> {
     pub(super) points: &'a [f64],
-    /// Of the whole chunk.
-    pub(super) observations: &'a [f64],
-    /// The first observation.
-    pub(super) first: usize,
     pub(super) ends: &'a [u32],
     pub(super) counts: &'a [f64],
+    pub(super) weights: &'a [f64],
+    pub(super) pixels: &'a [f64],
     /// The cost that no state can lower: what the observations of one point disagree by.
     pub(super) constant: f64,
 }
@@ -68,8 +78,17 @@ impl Packed {
         let runs: Vec<&[Block]> = corners.flat_map(|group| group.blocks.chunks(CHUNK)).collect();
         let pack = |order: &mut Order, run: &&[Block]| {
             let mut chunk = Chunk::default();
-            let places: Vec<Place> =
-                run.iter().map(|block| order.pack(&plan.measurements, block, lanes, folded, &mut chunk)).collect();
+            if let (false, Some(first), Some(last)) = (folded, run.first(), run.last()) {
+                // Room for full registers; blocks that need more are rare.
+                chunk.pixels.reserve(PIXEL * (last.end - first.start + lanes * run.len()));
+            }
+            order.known.clear();
+            order.points.clear();
+            let mut places: Vec<Place> = Vec::with_capacity(run.len());
+            for block in *run {
+                let place = order.pack(&plan.measurements, block, lanes, folded, places.last(), &mut chunk);
+                places.push(place);
+            }
             (chunk, places)
         };
         let packed: Vec<(Chunk, Vec<Place>)> = runs.par_iter().map_init(Order::default, pack).collect();
@@ -92,151 +111,229 @@ impl Packed {
     /// The corners of a block.
     #[inline]
     pub(super) fn block(&self, block: &Block) -> PackedBlock<'_> {
-        let Place { chunk, first, end, constant } = self.places[block.place];
-        let (chunk, lanes) = (&self.chunks[chunk], self.lanes);
+        let place = self.places[block.place];
+        let (chunk, lanes) = (&self.chunks[place.chunk], self.lanes);
+        let registers = place.first..place.first + place.registers;
+        let part = |start: usize, size: usize| start * size * lanes..(start + place.observations) * size * lanes;
         PackedBlock {
-            points: &chunk.points[first * 3 * lanes..end * 3 * lanes],
-            observations: &chunk.observations,
-            first: if first == 0 { 0 } else { chunk.ends[first - 1] as usize },
-            ends: &chunk.ends[first..end],
-            counts: if chunk.counts.is_empty() { &[] } else { &chunk.counts[first * lanes..end * lanes] },
-            constant,
+            points: &chunk.points[registers.start * 3 * lanes..registers.end * 3 * lanes],
+            ends: &chunk.ends[registers.clone()],
+            counts: &chunk.counts[registers.start * lanes..registers.end * lanes],
+            weights: &chunk.weights[part(place.weight, WEIGHT)],
+            pixels: &chunk.pixels[part(place.pixel, PIXEL)],
+            constant: place.constant,
         }
     }
 }
+
+/// A point that the block has not shown yet.
+const ABSENT: u32 = u32::MAX;
 
 /// Buffers for sorting the corners of a block by their points.
 #[derive(Default)]
 struct Order {
-    points: Vec<[f64; 3]>,
+    /// Every point that the run's blocks have shown, and its place among the present block's points.
+    known: Vec<([f64; 3], u32)>,
+    /// For each point of the block its place among the known, and the same of the block before.
+    points: Vec<u32>,
+    points_before: Vec<u32>,
     /// For each corner its point.
-    point_of: Vec<usize>,
-    /// Corners by point: where each point's begin.
-    starts: Vec<usize>,
-    sorted: Vec<usize>,
-    /// Where the next corner of each point goes.
-    next: Vec<usize>,
+    point_of: Vec<u32>,
+    /// For each point how many corners show it, and how many of them have been dealt with.
+    counts: Vec<[u32; 2]>,
+    counts_before: Vec<[u32; 2]>,
+    means: Vec<Mean>,
 }
 
 impl Order {
-    /// Finds the different points of a block. Pictures list their corners in the same order, so the next point is nearly always the one after the last.
+    /// Finds the different points of a block, in the order in which they appear. Pictures list their corners in the same order, so the next point is nearly
+    /// always the one after the last.
     fn sort(&mut self, m: &Measurements, block: &Block) {
+        std::mem::swap(&mut self.points, &mut self.points_before);
+        std::mem::swap(&mut self.counts, &mut self.counts_before);
         self.points.clear();
         self.point_of.clear();
+        self.counts.clear();
+        self.known.iter_mut().for_each(|(_, place)| *place = ABSENT);
         let mut next = 0;
         for i in (block.start..block.end).filter(|i| m.corner_whiteners[*i][0] != 0.0) {
             let point = m.corner_points[i];
-            let same = |known: &[f64; 3]| known.map(f64::to_bits) == point.map(f64::to_bits);
-            let found = match self.points.get(next) {
-                Some(known) if same(known) => Some(next),
-                _ => self.points.iter().position(same),
-            };
-            let place = found.unwrap_or_else(|| {
-                self.points.push(point);
-                self.points.len() - 1
+            let same = |known: &([f64; 3], u32)| known.0.map(f64::to_bits) == point.map(f64::to_bits);
+            let (before, after) = self.known.split_at(next.min(self.known.len()));
+            let ahead = after.iter().position(same).map(|place| before.len() + place);
+            let found = ahead.or_else(|| before.iter().position(same)).unwrap_or_else(|| {
+                self.known.push((point, ABSENT));
+                self.known.len() - 1
             });
-            self.point_of.push(place);
-            next = place + 1;
-        }
-        self.starts.clear();
-        self.starts.resize(self.points.len() + 1, 0);
-        self.point_of.iter().for_each(|place| self.starts[place + 1] += 1);
-        for i in 0..self.points.len() {
-            self.starts[i + 1] += self.starts[i];
-        }
-        self.sorted.clear();
-        self.sorted.resize(self.point_of.len(), 0);
-        self.next.clone_from(&self.starts);
-        let corners = (block.start..block.end).filter(|i| m.corner_whiteners[*i][0] != 0.0);
-        for (i, place) in corners.zip(&self.point_of) {
-            self.sorted[self.next[*place]] = i;
-            self.next[*place] += 1;
+            next = found + 1;
+            let place = &mut self.known[found].1;
+            if *place == ABSENT {
+                *place = self.points.len() as u32;
+                self.points.push(found as u32);
+                self.counts.push([0; 2]);
+            }
+            self.point_of.push(*place);
+            self.counts[*place as usize][0] += 1;
         }
     }
 
-    /// Appends a block to a chunk.
-    fn pack(&mut self, m: &Measurements, block: &Block, lanes: usize, folded: bool, out: &mut Chunk) -> Place {
+    /// Appends a block to a chunk; `last` is the block before it.
+    fn pack(
+        &mut self,
+        m: &Measurements,
+        block: &Block,
+        lanes: usize,
+        folded: bool,
+        last: Option<&Place>,
+        out: &mut Chunk,
+    ) -> Place {
         self.sort(m, block);
-        let registers = self.points.len().div_ceil(lanes);
-        let start = out.ends.len();
-        let mut first = out.ends.last().map_or(0, |end| *end as usize);
-        out.points.resize((start + registers) * 3 * lanes, 0.0);
+        let like = last.filter(|_| self.points == self.points_before && self.shown_as_often());
+        let mut place = Place {
+            first: like.map_or(out.ends.len(), |last| last.first),
+            registers: self.points.len().div_ceil(lanes),
+            weight: out.weights.len() / (WEIGHT * lanes),
+            pixel: out.pixels.len() / (PIXEL * lanes),
+            ..Place::default()
+        };
+        match like {
+            Some(last) => place.observations = last.observations,
+            None => place.observations = self.pack_points(lanes, folded, out),
+        }
+        out.weights.resize(out.weights.len() + place.observations * WEIGHT * lanes, 0.0);
+        out.pixels.resize(out.pixels.len() + place.observations * PIXEL * lanes, 0.0);
         if folded {
-            out.counts.resize((start + registers) * lanes, 0.0);
+            place.constant = self.fold(m, block);
+            for (point, mean) in self.means.iter().enumerate() {
+                let at = (point / lanes, point % lanes);
+                put(out, &place, lanes, at, mean.pixel(), mean.weight);
+            }
+        } else {
+            let corners = (block.start..block.end).filter(|i| m.corner_whiteners[*i][0] != 0.0);
+            for (i, &point) in corners.zip(&self.point_of) {
+                let (register, lane) = (point as usize / lanes, point as usize % lanes);
+                let before = if register == 0 { 0 } else { out.ends[place.first + register - 1] };
+                let done = &mut self.counts[point as usize][1];
+                let observation = (before + *done) as usize;
+                *done += 1;
+                put(out, &place, lanes, (observation, lane), m.corner_pixels[i], weight(m.corner_whiteners[i]));
+            }
+        }
+        if let Some(last) = like {
+            share_weights(out, lanes, last, &mut place);
+        }
+        place
+    }
+
+    /// Whether each point was shown as often as in the block before.
+    fn shown_as_often(&self) -> bool {
+        self.counts.iter().map(|count| count[0]).eq(self.counts_before.iter().map(|count| count[0]))
+    }
+
+    /// Appends the points; returns the number of observations.
+    fn pack_points(&self, lanes: usize, folded: bool, out: &mut Chunk) -> usize {
+        let mut observations = 0;
+        for start in (0..self.points.len()).step_by(lanes) {
+            let points = start..self.points.len().min(start + lanes);
+            observations += if folded { 1 } else { points.clone().map(|i| self.counts[i][0]).max().unwrap_or(0) };
+            out.ends.push(observations);
+            for axis in 0..3 {
+                // A spare lane repeats the last point: it projects like any other.
+                let of = |i: usize| self.known[self.points[i.min(points.end - 1)] as usize].0[axis];
+                out.points.extend((start..start + lanes).map(of));
+            }
+            out.counts.extend(points.clone().map(|i| f64::from(self.counts[i][0])));
+            out.counts.resize(out.ends.len() * lanes, 0.0);
+        }
+        observations as usize
+    }
+
+    /// Makes all corners of a point one; returns the constant cost.
+    fn fold(&mut self, m: &Measurements, block: &Block) -> f64 {
+        self.means.clear();
+        self.means.resize(self.points.len(), Mean::default());
+        let corners = || (block.start..block.end).filter(|i| m.corner_whiteners[*i][0] != 0.0).zip(&self.point_of);
+        for (i, &point) in corners() {
+            self.means[point as usize].add(m.corner_pixels[i], weight(m.corner_whiteners[i]));
+        }
+        if self.point_of.len() == self.points.len() {
+            return 0.0;
         }
         let mut constant = 0.0;
-        for register in 0..registers {
-            let points = register * lanes..self.points.len().min((register + 1) * lanes);
-            let corners_of = |place: usize| self.starts[place]..self.starts[place + 1];
-            let depth = if folded { 1 } else { points.clone().map(|i| corners_of(i).len()).max().unwrap_or(0) };
-            out.observations.resize((first + depth) * OBSERVATION * lanes, 0.0);
-            for lane in 0..lanes {
-                let place = points.start + lane;
-                // A spare lane repeats the last point: it projects like any other and weighs nothing.
-                let point = self.points[place.min(self.points.len() - 1)];
-                for (axis, x) in point.into_iter().enumerate() {
-                    out.points[((start + register) * 3 + axis) * lanes + lane] = x;
-                }
-                if place >= points.end {
-                    continue;
-                }
-                let corners = &self.sorted[corners_of(place)];
-                let mut put = |observation: usize, values: [f64; OBSERVATION]| {
-                    let to = &mut out.observations[(first + observation) * OBSERVATION * lanes..];
-                    values.into_iter().enumerate().for_each(|(i, value)| to[i * lanes + lane] = value);
-                };
-                if folded {
-                    let (mean, [a, b, c], scatter) = fold(m, corners);
-                    put(0, [mean[0], mean[1], a, b, c]);
-                    out.counts[(start + register) * lanes + lane] = corners.len() as f64;
-                    constant += scatter;
-                } else {
-                    for (observation, &i) in corners.iter().enumerate() {
-                        let ([u, v], [a, b, c]) = (m.corner_pixels[i], m.corner_whiteners[i]);
-                        put(observation, [u, v, a, b, c]);
-                    }
-                }
-            }
-            first += depth;
-            out.ends.push(first as u32);
+        for mean in &mut self.means {
+            mean.close();
         }
-        Place { chunk: 0, first: start, end: start + registers, constant }
+        for (i, &point) in corners() {
+            let ([u, v], [a, b, c], mean) =
+                (m.corner_pixels[i], m.corner_whiteners[i], self.means[point as usize].pixel());
+            let (du, dv) = (u - mean[0], v - mean[1]);
+            let (ru, rv) = (a * du, b * du + c * dv);
+            constant += ru * ru + rv * rv;
+        }
+        0.5 * constant
     }
 }
 
-/// The one observation that stands for several under least squares: the weighted mean, the whitener of the summed weights, and half the weighted sum of
-/// squares about the mean. `sum |W_i (x - x_i)|^2 = |W (x - mean)|^2 + 2 constant` for every `x`.
-fn fold(m: &Measurements, corners: &[usize]) -> ([f64; 2], [f64; 3], f64) {
-    if let [only] = corners {
-        return (m.corner_pixels[*only], m.corner_whiteners[*only], 0.0);
+/// `W^T W` of a whitener `[a, 0; b, c]`.
+fn weight([a, b, c]: [f64; 3]) -> [f64; WEIGHT] {
+    [a * a + b * b, b * c, c * c]
+}
+
+/// Writes an observation of a block.
+fn put(
+    out: &mut Chunk,
+    place: &Place,
+    lanes: usize,
+    (observation, lane): (usize, usize),
+    pixel: [f64; PIXEL],
+    weight: [f64; WEIGHT],
+) {
+    let to = &mut out.pixels[(place.pixel + observation) * PIXEL * lanes..];
+    (to[lane], to[lanes + lane]) = (pixel[0], pixel[1]);
+    let to = &mut out.weights[(place.weight + observation) * WEIGHT * lanes..];
+    (to[lane], to[lanes + lane], to[2 * lanes + lane]) = (weight[0], weight[1], weight[2]);
+}
+
+/// Drops the weights of the newest block if they are those of the one before it, which shows the same points.
+fn share_weights(out: &mut Chunk, lanes: usize, last: &Place, place: &mut Place) {
+    let (before, newest) = out.weights.split_at(place.weight * WEIGHT * lanes);
+    let before = &before[last.weight * WEIGHT * lanes..][..newest.len()];
+    // Looks at all of them, which is quicker than to ask after each whether it is time to stop.
+    if before.iter().zip(newest).fold(true, |same, (a, b)| same & (a.to_bits() == b.to_bits())) {
+        out.weights.truncate(place.weight * WEIGHT * lanes);
+        place.weight = last.weight;
     }
-    let weight = |i: usize| {
-        let [a, b, c] = m.corner_whiteners[i];
-        [a * a + b * b, b * c, c * c]
-    };
-    let (mut sum, mut right) = ([0.0; 3], [0.0; 2]);
-    // Counted from the first corner, so that nothing is lost to the size of a pixel coordinate.
-    let origin = m.corner_pixels[corners[0]];
-    for &i in corners {
-        let (w, pixel) = (weight(i), m.corner_pixels[i]);
-        let d = [pixel[0] - origin[0], pixel[1] - origin[1]];
-        (0..3).for_each(|k| sum[k] += w[k]);
-        right[0] += w[0] * d[0] + w[1] * d[1];
-        right[1] += w[1] * d[0] + w[2] * d[1];
+}
+
+/// The one observation that stands for several under least squares: the weighted mean, and the summed weights. With half the weighted sum of squares about
+/// the mean as constant, `sum |W_i (x - x_i)|^2 = |W (x - mean)|^2 + 2 constant` for every `x`.
+#[derive(Clone, Copy, Default)]
+struct Mean {
+    /// The first corner, from which the mean is counted so that nothing is lost to the size of a pixel coordinate.
+    origin: [f64; 2],
+    /// The weighted sum of the others' offsets, and once closed the mean's offset.
+    offset: [f64; 2],
+    weight: [f64; WEIGHT],
+}
+
+impl Mean {
+    fn add(&mut self, pixel: [f64; 2], w: [f64; WEIGHT]) {
+        if self.weight[0] == 0.0 {
+            self.origin = pixel;
+        }
+        let d = [pixel[0] - self.origin[0], pixel[1] - self.origin[1]];
+        (0..WEIGHT).for_each(|k| self.weight[k] += w[k]);
+        self.offset[0] += w[0] * d[0] + w[1] * d[1];
+        self.offset[1] += w[1] * d[0] + w[2] * d[1];
     }
-    let determinant = sum[0] * sum[2] - sum[1] * sum[1];
-    let offset =
-        [(sum[2] * right[0] - sum[1] * right[1]) / determinant, (sum[0] * right[1] - sum[1] * right[0]) / determinant];
-    let mean = [origin[0] + offset[0], origin[1] + offset[1]];
-    let c = sum[2].sqrt();
-    let b = sum[1] / c;
-    let a = (determinant / sum[2]).sqrt();
-    let mut scatter = 0.0;
-    for &i in corners {
-        let (pixel, [a, b, c]) = (m.corner_pixels[i], m.corner_whiteners[i]);
-        let (du, dv) = (pixel[0] - mean[0], pixel[1] - mean[1]);
-        let (ru, rv) = (a * du, b * du + c * dv);
-        scatter += ru * ru + rv * rv;
+
+    fn close(&mut self) {
+        let ([uu, uv, vv], [u, v]) = (self.weight, self.offset);
+        let determinant = uu * vv - uv * uv;
+        self.offset = [(vv * u - uv * v) / determinant, (uu * v - uv * u) / determinant];
     }
-    (mean, [a, b, c], 0.5 * scatter)
+
+    fn pixel(&self) -> [f64; 2] {
+        [self.origin[0] + self.offset[0], self.origin[1] + self.offset[1]]
+    }
 }
