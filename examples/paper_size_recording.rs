@@ -14,7 +14,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let folder = Path::new(&folder);
     std::fs::create_dir_all(folder)?;
     let truth = parse_layout(Path::new("truth.yaml"), &paper_size::truth(), None)?;
-    let recording = paper_size::record(&truth, 250, 10, 0.1);
+    let recording = paper_size::record(&truth, 250, 10, 40, 0.1);
     std::fs::write(folder.join("truth.yaml"), paper_size::truth())?;
     std::fs::write(folder.join("layout.yaml"), paper_size::hidden(false))?;
     std::fs::write(folder.join("layout_free_lens.yaml"), paper_size::hidden(true))?;

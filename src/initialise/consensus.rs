@@ -1,6 +1,7 @@
 //! The pose that most observations agree on, where each observation may offer several candidates.
 
 use nalgebra::{Matrix3, Vector3};
+use rayon::prelude::*;
 
 use crate::geometry::{Pose, rotation};
 
@@ -22,9 +23,14 @@ pub(super) const SHIFT: f64 = 0.08;
 
 /// How badly two poses disagree, from 0 to 1.
 pub(super) fn disagreement(a: &Pose, b: &Pose, distance: f64) -> f64 {
-    let apart = (a.translation - b.translation).norm() / (SHIFT * distance.max(1e-3));
+    let reach = SHIFT * distance.max(1e-3);
+    let apart = (a.translation - b.translation).norm_squared() / (reach * reach);
+    // Most pairs are far apart, and need no angle to tell: |cos(angle / 2)| < 0.997 is beyond 0.15 rad.
+    if apart >= 1.0 || a.rotation.coords.dot(&b.rotation.coords).abs() < 0.997 {
+        return 1.0;
+    }
     let turn = a.rotation.angle_to(&b.rotation) / TURN;
-    (apart * apart + turn * turn).min(1.0)
+    (apart + turn * turn).min(1.0)
 }
 
 /// Hypotheses tried at most: enough to meet a good one, cheap enough for thousands of pictures.
@@ -39,17 +45,13 @@ pub(super) fn consensus(votes: &[Votes]) -> Option<(Pose, f64)> {
         sum / total
     };
     let stride = votes.len().div_ceil(HYPOTHESES).max(1);
-    let mut best: Option<(Pose, f64)> = None;
-    for vote in votes.iter().step_by(stride) {
-        for (rank, candidate) in vote.candidates.iter().enumerate() {
-            // Candidates come best fit first; among equals the better fit wins.
-            let score = cost(candidate) + 1e-3 * rank as f64;
-            if best.is_none_or(|(_, known)| score < known) {
-                best = Some((*candidate, score));
-            }
-        }
-    }
-    let (mut pose, mut score) = best?;
+    let hypotheses: Vec<(usize, &Pose)> =
+        votes.iter().step_by(stride).flat_map(|vote| vote.candidates.iter().enumerate()).collect();
+    // Candidates come best fit first; among equals the better fit wins.
+    let score = |(rank, candidate): &(usize, &Pose)| cost(candidate) + 1e-3 * *rank as f64;
+    let scores: Vec<f64> = hypotheses.par_iter().map(score).collect();
+    let best = (0..scores.len()).min_by(|a, b| scores[*a].total_cmp(&scores[*b]))?;
+    let (mut pose, mut score) = (*hypotheses[best].1, scores[best]);
     for _ in 0..3 {
         let Some(mean) = mean_near(votes, &pose) else { break };
         let mean_score = cost(&mean);

@@ -1,13 +1,13 @@
 //! Growing what is known from the world outwards.
 
-use nalgebra::{Vector2, Vector3};
+use rayon::prelude::*;
 use thiserror::Error;
 
 use super::consensus::{Votes, consensus};
+use super::grow_points::PointRelation;
 use super::hand_eye::{self, HandEyeVote};
 use super::moving::drop_unplaced;
 use super::observe::{Observation, observe, renumber_boards};
-use super::register::{RobotPoint, register_robot, rigid_fit, triangulate};
 use crate::frames::{FrameId, FrameTree, Freedom, Path, Step};
 use crate::geometry::{Intrinsics, Pose};
 use crate::layout::Layout;
@@ -31,29 +31,21 @@ pub(super) struct Relation {
     pub(super) spent: bool,
 }
 
-/// Points measured along one path.
-struct PointRelation {
-    path: Path,
-    /// (configuration, place in the frame at the path's end, measured).
-    data: Vec<(usize, Vector3<f64>, Vector3<f64>)>,
-    spent: bool,
-}
-
 pub(super) struct Growth<'a> {
-    layout: &'a Layout,
+    pub(super) layout: &'a Layout,
     pub(super) tree: &'a FrameTree,
     recording: &'a Recording,
     pub(super) plan: &'a Plan,
     pub(super) state: State,
-    known: Vec<bool>,
+    pub(super) known: Vec<bool>,
     /// Edges whose start was given, which nobody moves.
     given: Vec<bool>,
     pub(super) relations: Vec<Relation>,
-    points: Vec<PointRelation>,
+    pub(super) points: Vec<PointRelation>,
 }
 
 /// A run of unknown static steps on a path with nothing known to vary in between: its first and last step.
-type Run = (usize, usize);
+pub(super) type Run = (usize, usize);
 
 /// Where the search starts.
 #[derive(Clone, Debug, PartialEq)]
@@ -112,9 +104,11 @@ pub fn initialise(
         });
     }
     let placed = growth.place_moving();
-    let poses = growth.block_poses();
+    let poses = symmetric.then(|| growth.block_poses());
     let state = growth.state;
-    renumber_boards(layout, tree, recording, plan, &poses);
+    if let Some(poses) = poses {
+        renumber_boards(layout, tree, recording, plan, &poses);
+    }
     Ok(Start { state, dropped: drop_unplaced(plan, &placed) })
 }
 
@@ -148,7 +142,7 @@ impl Growth<'_> {
     }
 
     /// The runs of unknown steps on a path; `None` if a moving edge is among the steps.
-    fn runs(&self, path: &Path) -> Option<Vec<Run>> {
+    pub(super) fn runs(&self, path: &Path) -> Option<Vec<Run>> {
         let mut runs: Vec<Run> = Vec::new();
         let mut varied = true;
         for (i, step) in path.steps.iter().enumerate() {
@@ -185,7 +179,7 @@ impl Growth<'_> {
     }
 
     /// The one unknown edge of a path, where it stands, and whether it is walked upwards.
-    fn single(&self, path: &Path) -> Option<(usize, usize, bool)> {
+    pub(super) fn single(&self, path: &Path) -> Option<(usize, usize, bool)> {
         let runs = self.runs(path)?;
         let [(first, last)] = runs[..] else { return None };
         let mut unknown = (first..=last).filter_map(|i| match path.steps[i] {
@@ -202,7 +196,7 @@ impl Growth<'_> {
         for relation in &self.relations {
             let Some((edge, at, inverse)) = wanted(&relation.path) else { continue };
             let steps = &relation.path.steps;
-            for observation in &relation.observations {
+            let one = |observation: &Observation| {
                 let before = self.product(&steps[..at], observation.configuration).inverse();
                 let after = self.product(&steps[at + 1..], observation.configuration).inverse();
                 let place = |measured: &Pose| {
@@ -210,8 +204,9 @@ impl Growth<'_> {
                     if inverse { value.inverse() } else { value }
                 };
                 let candidates = observation.votes.candidates.iter().map(place).collect();
-                votes[edge].push(Votes { candidates, ..observation.votes.clone() });
-            }
+                Votes { candidates, ..observation.votes.clone() }
+            };
+            votes[edge].par_extend(relation.observations.par_iter().map(one));
         }
         votes
     }
@@ -230,67 +225,12 @@ impl Growth<'_> {
         self.place_by_points() || self.triangulate_one()
     }
 
-    fn set(&mut self, edge: usize, pose: Pose) {
+    pub(super) fn set(&mut self, edge: usize, pose: Pose) {
         self.state.static_poses[edge] = match self.tree.static_edges[edge].freedom {
             Freedom::Translation => Pose::new(self.state.static_poses[edge].rotation, pose.translation),
             _ => pose,
         };
         self.known[edge] = true;
-    }
-
-    /// Places an edge from measured points whose paths are otherwise known.
-    fn place_by_points(&mut self) -> bool {
-        let mut pairs: Vec<Vec<(Vector3<f64>, Vector3<f64>)>> = vec![Vec::new(); self.known.len()];
-        for relation in &self.points {
-            let Some((edge, at, inverse)) = self.single(&relation.path) else { continue };
-            let steps = &relation.path.steps;
-            for (configuration, place, measured) in &relation.data {
-                let near = self.product(&steps[..at], *configuration).inverse() * *measured;
-                let far = self.product(&steps[at + 1..], *configuration) * *place;
-                pairs[edge].push(if inverse { (near, far) } else { (far, near) });
-            }
-        }
-        for (edge, pairs) in pairs.iter().enumerate().filter(|(_, pairs)| !pairs.is_empty()) {
-            let pose = match self.tree.static_edges[edge].freedom {
-                Freedom::Translation => {
-                    let sum: Vector3<f64> = pairs.iter().map(|(from, to)| to - from).sum();
-                    Some(Pose::new(Default::default(), sum / pairs.len() as f64))
-                }
-                _ => rigid_fit(pairs),
-            };
-            if let Some(pose) = pose {
-                self.set(edge, pose);
-                return true;
-            }
-        }
-        false
-    }
-
-    /// Places a point that cameras see and whose paths are otherwise known.
-    fn triangulate_one(&mut self) -> bool {
-        let mut rays: Vec<Vec<(Vector3<f64>, Vector3<f64>)>> = vec![Vec::new(); self.known.len()];
-        for group in &self.plan.groups {
-            let GroupKind::Corners { camera } = group.kind else { continue };
-            let Some(intrinsics) = &self.layout.cameras[camera].intrinsics else { continue };
-            let Some((edge, at, false)) = self.single(&group.path) else { continue };
-            if self.tree.static_edges[edge].freedom != Freedom::Translation {
-                continue;
-            }
-            for block in &group.blocks {
-                let parent_from_camera = self.product(&group.path.steps[..at], block.configuration).inverse();
-                for pixel in &self.plan.measurements.corner_pixels[block.start..block.end] {
-                    if let Ok(ray) = intrinsics.ray(&Vector2::from(*pixel)) {
-                        rays[edge].push((parent_from_camera.translation, parent_from_camera.rotation * ray));
-                    }
-                }
-            }
-        }
-        let found = rays.iter().enumerate().find_map(|(edge, rays)| triangulate(rays).map(|place| (edge, place)));
-        if let Some((edge, place)) = found {
-            self.set(edge, Pose::new(Default::default(), place));
-            return true;
-        }
-        false
     }
 
     /// Solves the pair of unknown runs around a robot that most pictures see, and keeps both as relations.
@@ -304,7 +244,7 @@ impl Growth<'_> {
             let steps = &relation.path.steps;
             let votes: Vec<HandEyeVote> = relation
                 .observations
-                .iter()
+                .par_iter()
                 .map(|observation| {
                     let at = observation.configuration;
                     let (before, after) =
@@ -329,53 +269,11 @@ impl Growth<'_> {
     }
 
     /// Adds a pose between two frames of one rigid body as a relation.
-    fn relate(&mut self, (from, to): (FrameId, FrameId), pose: Pose, weight: f64) {
+    pub(super) fn relate(&mut self, (from, to): (FrameId, FrameId), pose: Pose, weight: f64) {
         let distance = pose.translation.norm().max(0.1);
         let votes = Votes { candidates: vec![pose], weight: weight.max(1e-3), distance };
         let observations = vec![Observation { configuration: 0, votes }];
         self.relations.push(Relation { path: self.tree.path(from, to), observations, spent: true });
-    }
-
-    /// Registers a point sensor to a robot whose tool points are unknown.
-    fn register(&mut self) -> bool {
-        for index in 0..self.points.len() {
-            if self.points[index].spent {
-                continue;
-            }
-            let Some([(a, b), (c, _)]) =
-                self.runs(&self.points[index].path).as_deref().map(<[Run; 2]>::try_from).and_then(Result::ok)
-            else {
-                continue;
-            };
-            let first = &self.points[index].path;
-            let ends = (first.stops[a], first.stops[b + 1]);
-            // Everything that is seen across the same unknown run and the same robot helps.
-            let (mut data, mut labels): (Vec<RobotPoint>, Vec<(usize, [u64; 3])>) = (Vec::new(), Vec::new());
-            for other in index..self.points.len() {
-                let relation = &self.points[other];
-                let same = relation.path.steps.len() >= c && relation.path.steps[..c] == first.steps[..c];
-                let runs = self.runs(&relation.path);
-                if !same || relation.spent || runs.is_none_or(|runs| runs.len() != 2) {
-                    continue;
-                }
-                for (configuration, place, measured) in &relation.data {
-                    let label = (other, [place.x, place.y, place.z].map(f64::to_bits));
-                    let point = labels.iter().position(|known| *known == label).unwrap_or_else(|| {
-                        labels.push(label);
-                        labels.len() - 1
-                    });
-                    let steps = &relation.path.steps;
-                    let measured = self.product(&steps[..a], *configuration).inverse() * *measured;
-                    data.push(RobotPoint { robot: self.product(&steps[b + 1..c], *configuration), point, measured });
-                }
-            }
-            self.points[index].spent = true;
-            if let Some((near, _)) = register_robot(&data, labels.len()) {
-                self.relate(ends, near, data.len() as f64);
-                return true;
-            }
-        }
-        false
     }
 
     /// Looks at every edge once more in the light of all the others: a flip that one picture could not decide is decided by the rest.

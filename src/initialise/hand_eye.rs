@@ -6,6 +6,7 @@
 //! without an answer; there, many starts and damping find one of the many solutions, and the solver later says which directions are free.
 
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix6, SMatrix, SVector, UnitQuaternion, Vector3};
+use rayon::prelude::*;
 
 use super::consensus::{Votes, nearest};
 use super::pose_from_points::cube_rotations;
@@ -68,17 +69,21 @@ pub(super) fn solve(all: &[HandEyeVote]) -> Option<HandEye> {
         ((state >> 33) as usize) % bound.max(1)
     };
     if votes.len() >= 3 {
-        for _ in 0..SAMPLES {
-            let sample: Vec<(Pose, Pose)> = (0..SAMPLE_SIZE.min(votes.len()))
+        let mut sample = || -> Vec<(Pose, Pose)> {
+            (0..SAMPLE_SIZE.min(votes.len()))
                 .map(|_| {
                     let vote = votes[draw(votes.len())];
                     (vote.robot, vote.votes.candidates[draw(vote.votes.candidates.len())])
                 })
-                .collect();
-            if let Some(pair) = closed_form(&sample) {
-                consider(&mut best, pair);
-            }
-        }
+                .collect()
+        };
+        let samples: Vec<Vec<(Pose, Pose)>> = (0..SAMPLES).map(|_| sample()).collect();
+        let judged = |sample: &Vec<(Pose, Pose)>| {
+            let (near, far) = closed_form(sample)?;
+            Some(HandEye { near, far, disagreement: judge(&votes, &near, &far) })
+        };
+        let solutions: Vec<Option<HandEye>> = samples.par_iter().map(judged).collect();
+        best = solutions.into_iter().flatten().min_by(|a, b| a.disagreement.total_cmp(&b.disagreement));
     }
     if best.is_none_or(|known| known.disagreement > 0.5) {
         // Degenerate or too few: one Gauss-Newton from each of many orientations.

@@ -8,6 +8,7 @@
 
 mod consensus;
 mod grow;
+mod grow_points;
 mod hand_eye;
 mod moving;
 mod observe;

@@ -21,6 +21,9 @@ const RATIO: f64 = 8.0;
 /// A reprojection error (normalised; about 2 px at 1000 px focal length) that noise does not explain.
 const CLEARLY_WORSE: f64 = 2e-3;
 
+/// A relative decrease of the squared error below which a pose is as good as it gets.
+const SETTLED: f64 = 1e-6;
+
 /// Candidate poses of a target from its points (m) and where they appear on the normalised image plane, the best first: for a flat target
 /// both that the two-fold ambiguity of a plane leaves, for a solid one the best of many starts. Empty for fewer than four points or points on a line.
 #[must_use]
@@ -170,7 +173,8 @@ fn refine(start: Pose, points: &[Vector3<f64>], image: &[Vector2<f64>]) -> Optio
         let trial = pose.retract(&step);
         match mean_square(&trial, points, image) {
             Some(trial_square) if trial_square <= square => {
-                let done = square - trial_square <= 1e-12 * square;
+                // Steps converge quadratically: what the next would bring is far below the noise.
+                let done = square - trial_square <= SETTLED * square;
                 (pose, square) = (trial, trial_square);
                 lambda = (lambda * 0.1).max(1e-12);
                 if done {

@@ -1,4 +1,4 @@
-//! A recording of the paper's size for benches and memory measurements: a UR3 with a board of 40 corners before three cameras, 250 configurations
+//! A recording of the paper's size for benches and memory measurements: a UR3 with a board before three cameras, 250 configurations
 //! x 10 shots x 3 cameras = 7500 pictures.
 
 use rand::{Rng, SeedableRng};
@@ -33,9 +33,16 @@ pub fn hidden(refine: bool) -> String {
     text
 }
 
-/// Records `configurations` x `shots` pictures a camera with `pixel_sigma` of noise. Every camera sees the board in every picture.
+/// Records `configurations` x `shots` pictures a camera with `pixel_sigma` (px) of noise. Every camera sees all the board's `corners_a_picture` (40 if the layout
+/// is [`truth`]'s) in every picture; with more than the board has, or a board that cannot be seen, nothing is recorded.
 #[must_use]
-pub fn record(truth: &Layout, configurations: u64, shots: u64, pixel_sigma: f64) -> Recording {
+pub fn record(
+    truth: &Layout,
+    configurations: u64,
+    shots: u64,
+    corners_a_picture: usize,
+    pixel_sigma: f64,
+) -> Recording {
     let mut random = ChaCha8Rng::seed_from_u64(7500);
     let middle = [0.3, -1.6, 1.7, -1.7, -1.57, 0.2];
     let cameras = truth.cameras.len();
@@ -53,7 +60,7 @@ pub fn record(truth: &Layout, configurations: u64, shots: u64, pixel_sigma: f64)
         let cell = Cell::new(truth, &recording);
         let take = |shot: u64| corners(&cell, &[id], CornerNoise { pixel_sigma, seed: id * 1000 + shot });
         let first = take(0);
-        if first.len() < 40 * cameras {
+        if first.len() < corners_a_picture * cameras {
             continue;
         }
         joints.insert(id, q);

@@ -6,8 +6,6 @@
 //! is a unit that keeps its local rows `[H_ll, H_ls, g_l]`; what is shared alone goes straight into the sums of a *bundle* of units. The
 //! Schur complement `S = H_ss - H_sl (H_ll + lambda D)^-1 H_ls` is formed in the same sums, and the local step follows from the shared one.
 
-use nalgebra::{DMatrix, DVector};
-
 use super::assemble::{Assembler, Normal, Scratch, Shape};
 use super::plan::{Block, Group, Plan};
 use super::prior::pose_prior;
@@ -27,13 +25,13 @@ pub struct LocalUnit {
     /// Moving edges at this configuration; edge `i` owns local columns `6 i .. 6 i + 6`.
     pub(super) edges: Vec<usize>,
     /// Shared columns that its measurements touch, ascending.
-    shared: Vec<usize>,
+    pub(super) shared: Vec<usize>,
     /// Where each of them stands in the bundle's sums.
     in_bundle: Vec<u32>,
     /// For each compact column of each member in turn: its place in (local, shared, residual).
     places: Vec<u32>,
     /// Row-major, local rows over (local, shared, residual), both triangles of the local block.
-    rows: Vec<f64>,
+    pub(super) rows: Vec<f64>,
     cost: f64,
     /// The frozen scaling of the local columns.
     scaling: Vec<f64>,
@@ -343,42 +341,6 @@ impl LocalUnit {
                 }
             }
         }
-    }
-
-    /// What eliminating the local unknowns takes from the shared ones, without damping: `H_sl H_ll^+ H_ls` and `H_sl H_ll^+ g_l`. The pseudo-inverse
-    /// takes nothing away for a direction of a moving target that was not seen.
-    pub(super) fn marginal(&self) -> (DMatrix<f64>, DVector<f64>) {
-        let (local, shared) = (self.local_count(), self.shared.len());
-        let across = DMatrix::from_fn(local, shared, |i, j| self.rows[i * (local + shared + 1) + local + j]);
-        let taken = across.transpose() * self.gain();
-        (taken.columns(0, shared).into_owned(), taken.column(shared).into_owned())
-    }
-
-    /// `H_ll^+ [H_ls, g_l]`: how the local unknowns follow the shared ones, with the sign turned.
-    pub(super) fn gain(&self) -> DMatrix<f64> {
-        let (local, shared) = (self.local_count(), self.shared.len());
-        let right = DMatrix::from_fn(local, shared + 1, |i, j| self.rows[i * (local + shared + 1) + local + j]);
-        self.local_covariance() * right
-    }
-
-    /// `H_ll^+`: the covariance of the local unknowns if the shared ones were known.
-    pub(super) fn local_covariance(&self) -> DMatrix<f64> {
-        let (local, size) = (self.local_count(), self.local_count() + self.shared.len() + 1);
-        // Millimetres and milliradians are of like size, so that one tolerance fits both.
-        let eigen = DMatrix::from_fn(local, local, |i, j| self.rows[i * size + j]).symmetric_eigen();
-        let floor = eigen.eigenvalues.max() * 1e-12;
-        let mut inverse = DMatrix::zeros(local, local);
-        for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
-            if *value > floor {
-                inverse += vector * vector.transpose() / *value;
-            }
-        }
-        inverse
-    }
-
-    /// The shared columns that the unit touches.
-    pub(super) fn shared(&self) -> &[usize] {
-        &self.shared
     }
 
     /// Finds the local step that goes with a shared one: `-H_ll^-1 (g_l + H_ls step)`.

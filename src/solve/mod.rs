@@ -18,6 +18,7 @@ pub mod kernels;
 mod lanes;
 mod lens_lanes;
 mod local;
+mod local_terms;
 mod loss;
 mod minimise;
 mod normal;

@@ -158,7 +158,7 @@ impl Order {
         let mut next = 0;
         for i in (block.start..block.end).filter(|i| m.corner_whiteners[*i][0] != 0.0) {
             let point = m.corner_points[i];
-            let same = |known: &([f64; 3], u32)| known.0.map(f64::to_bits) == point.map(f64::to_bits);
+            let same = |known: &([f64; 3], u32)| is_same(&known.0, &point);
             let (before, after) = self.known.split_at(next.min(self.known.len()));
             let ahead = after.iter().position(same).map(|place| before.len() + place);
             let found = ahead.or_else(|| before.iter().position(same)).unwrap_or_else(|| {
@@ -272,6 +272,11 @@ impl Order {
         }
         0.5 * constant
     }
+}
+
+/// Whether two places are one, bit by bit. Number by number: arrays of bits are first put together in memory, which takes as long as all the rest.
+fn is_same(a: &[f64; 3], b: &[f64; 3]) -> bool {
+    a[0].to_bits() == b[0].to_bits() && a[1].to_bits() == b[1].to_bits() && a[2].to_bits() == b[2].to_bits()
 }
 
 /// `W^T W` of a whitener `[a, 0; b, c]`.
