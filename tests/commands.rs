@@ -122,9 +122,13 @@ fn detection_picks_up_where_it_stopped() {
         }
     };
     let detector = NativeDetector::new();
-    let first =
-        detect(&layout, &detector, &out, &Watch { progress: &progress, stop: &stop, draw: None, predict: None })
-            .unwrap();
+    let first = detect(
+        &layout,
+        &detector,
+        &out,
+        &Watch { progress: &progress, stop: &stop, draw: None, predict: None, search_all: false },
+    )
+    .unwrap();
     assert!(first.interrupted && first.pictures > 0 && first.pictures < 48, "{first:?}");
     assert!(!out.exists(), "nothing half is left");
     let journal = demo.join("detections.csv.unfinished");
@@ -133,9 +137,13 @@ fn detection_picks_up_where_it_stopped() {
     let text = std::fs::read_to_string(&journal).unwrap();
     std::fs::write(&journal, &text[..text.len() - 40]).unwrap();
     let go = AtomicBool::new(false);
-    let second =
-        detect(&layout, &detector, &out, &Watch { progress: &|_, _| {}, stop: &go, draw: None, predict: None })
-            .unwrap();
+    let second = detect(
+        &layout,
+        &detector,
+        &out,
+        &Watch { progress: &|_, _| {}, stop: &go, draw: None, predict: None, search_all: false },
+    )
+    .unwrap();
     assert_eq!(second.resumed, first.pictures - 1);
     assert_eq!(second.pictures, 48);
     assert_eq!(std::fs::read(&out).unwrap(), whole);

@@ -50,8 +50,8 @@ impl Demo {
             &request,
             detector.as_ref(),
             &solution::write,
-            &Watch { progress: &rendered, stop, draw: None, predict: None },
-            &Watch { progress: &detected, stop, draw: None, predict: None },
+            &Watch { progress: &rendered, stop, draw: None, predict: None, search_all: false },
+            &Watch { progress: &detected, stop, draw: None, predict: None, search_all: false },
         )?;
         drawing.finish_and_clear();
         detecting.finish_and_clear();

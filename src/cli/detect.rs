@@ -36,6 +36,9 @@ pub(super) struct Detect {
     /// A solution of this cell: tags are first looked for where it says that they are
     #[arg(long, value_name = "SOLUTION")]
     predict: Option<PathBuf>,
+    /// Search every picture, even one that shows the same as the first two of its configuration
+    #[arg(long)]
+    search_all: bool,
     /// Also draw what was found into the pictures, in this folder
     #[arg(long, value_name = "DIR")]
     draw: Option<PathBuf>,
@@ -60,6 +63,7 @@ impl Detect {
             stop: stop_requested(),
             draw: self.draw.as_deref(),
             predict: self.predict.as_deref(),
+            search_all: self.search_all,
         };
         let found = detect(&layout, detector.as_ref(), &out, &watch)?;
         bar.finish_and_clear();

@@ -80,7 +80,10 @@ impl Simulate {
             bar.set_length(all as u64);
             bar.set_position(done as u64);
         };
-        let made = make(&prepared, &Watch { progress: &progress, stop: stop_requested(), draw: None, predict: None })?;
+        let made = make(
+            &prepared,
+            &Watch { progress: &progress, stop: stop_requested(), draw: None, predict: None, search_all: false },
+        )?;
         bar.finish_and_clear();
         if made.interrupted {
             eprintln!("stopped; nothing was written");

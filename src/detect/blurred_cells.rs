@@ -139,7 +139,8 @@ fn window(at: &Lanes, variance: &Lanes, n: usize) -> [usize; 2] {
     [first, ((high + reach).max(0.0) as usize).saturating_add(2).min(n + 1)]
 }
 
-/// How many terms of the series are needed for a hundredth of a grey level or so.
+/// How many terms of the series are needed for some hundredths of a grey level: h_k is at most 0.4 root(k!) or so, and seldom that, so that
+/// the first term left out is less than 0.16 r^(k+1) / (k+1)^(3/2).
 #[inline(always)]
 fn terms(blur: &[Lanes; 3]) -> usize {
     let mut most = 0.0_f32;
@@ -147,10 +148,10 @@ fn terms(blur: &[Lanes; 3]) -> usize {
         most = most.max(uv * uv / (uu * vv).max(1e-12));
     }
     let (correlation, mut terms) = (most.sqrt().min(1.0), 0);
-    let mut left = correlation;
-    while terms < MOST_TERMS && left > 6e-3 {
+    let mut power = correlation;
+    while terms < MOST_TERMS && 0.16 * power > 2e-4 * ((terms + 1) as f32).powf(1.5) {
         terms += 1;
-        left *= correlation;
+        power *= correlation;
     }
     terms
 }

@@ -172,8 +172,12 @@ impl WholeTag<'_> {
         Pixels::gather(picture, bender, &Frame { low, high, middle }, |[x, y]| {
             let [u, v, depth] = inverse.map(|row| row[0] * x + row[1] * y + row[2]);
             // Beyond the margin, which may be one cell wide only, anything may be; its blur reaches in.
-            [u / depth, v / depth].iter().zip(&inverse).all(|(at, row)| {
-                let slope = [0, 1].map(|axis: usize| (row[axis] - at * inverse[2][axis]) / depth);
+            let far = 1.0 / depth;
+            [u * far, v * far].iter().zip(&inverse).all(|(at, row)| {
+                if at.abs() < half - 1.0 {
+                    return true;
+                }
+                let slope = [0, 1].map(|axis: usize| (row[axis] - at * inverse[2][axis]) * far);
                 let blur = self.blur * (slope[0] * slope[0] + slope[1] * slope[1]).sqrt();
                 at.abs() < half + (1.0 - 2.2 * blur).max(-1.0)
             })

@@ -1,7 +1,5 @@
 //! `detect`: from pictures to corners, in parallel, resumable, in bounded memory.
 
-use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -11,18 +9,18 @@ use std::time::Instant;
 
 use super::check::check_pictures;
 use super::dictionary::wrong_dictionary;
+use super::look::{Done, JournalCorner, Looking, stamp};
 use super::predict::Prediction;
 use crate::complaint::{Complaint, InputError};
-use crate::detect::drawing::draw_to;
-use crate::detect::{Corner, Detector, GreyPicture, Lens, Pattern};
+use crate::detect::{Detector, Lens, Pattern};
 use crate::geometry::{Feature, Intrinsics};
 use crate::layout::Layout;
 use crate::layout::images::PictureFile;
 use crate::recording::{CornerRow, Recording, write_detections};
 use crate::trust::Fault;
 
-/// Pictures that are in memory together: what two cores chew while the journal waits.
-const TOGETHER: usize = 32;
+/// Pictures that are looked at before the journal is written again.
+const TOGETHER: usize = 40;
 
 /// A picture that gave nothing because it could not be used.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -68,27 +66,14 @@ pub struct Watch<'a> {
     pub draw: Option<&'a Path>,
     /// A solution that says where tags must be.
     pub predict: Option<&'a Path>,
+    /// Search every picture, even one that shows the same as the first two of its configuration.
+    pub search_all: bool,
 }
 
 impl std::fmt::Debug for Watch<'_> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Watch").field("stop", self.stop).finish_non_exhaustive()
     }
-}
-
-/// Pattern, tag, corner, pixel and covariance of a corner, as the journal keeps it.
-type JournalCorner = (usize, Option<u32>, u32, [f64; 2], Option<[f64; 3]>);
-
-/// One picture's line in the journal.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-struct Done {
-    camera: usize,
-    configuration: u64,
-    shot: u64,
-    /// Size and modification time: a picture that was taken anew is looked at anew.
-    stamp: (u64, u64),
-    corners: Vec<JournalCorner>,
-    failure: Option<String>,
 }
 
 /// Detects all targets in all pictures of a layout and writes the corners to `out`.
@@ -107,12 +92,20 @@ pub fn detect(layout: &Layout, detector: &dyn Detector, out: &Path, watch: &Watc
     let (wanted, targets) = wanted(layout)?;
     let prediction = watch.predict.map(|solution| Prediction::read(solution, layout)).transpose()?;
     let journal_path = journal_path(out);
-    let fingerprint = fingerprint(layout, detector.name(), &wanted, watch.predict);
+    let fingerprint = fingerprint(layout, detector.name(), &wanted, watch);
     let mut known = read_journal(&journal_path, &fingerprint);
     let fail = |e: std::io::Error| cannot_write(out, &e);
     let mut journal = Journal::open(&journal_path, &fingerprint, &known).map_err(fail)?;
     let mut done: Vec<Done> = Vec::with_capacity(work.len());
     let mut result = Detected { detector: detector.name().to_owned(), ..Detected::default() };
+    let looking = Looking {
+        layout,
+        detector,
+        wanted: &wanted,
+        prediction: prediction.as_ref(),
+        draw: watch.draw,
+        search_all: watch.search_all,
+    };
     (watch.progress)(0, work.len());
     for chunk in work.chunks(TOGETHER) {
         if watch.stop.load(Ordering::Relaxed) {
@@ -130,10 +123,7 @@ pub fn detect(layout: &Layout, detector: &dyn Detector, out: &Path, watch: &Watc
         });
         result.resumed += old.len();
         done.extend(old.iter().filter_map(|(camera, file)| known.remove(&(*camera, file.configuration, file.shot))));
-        let fresh: Vec<Done> = new
-            .par_iter()
-            .map(|(camera, file)| look(layout, detector, &wanted, prediction.as_ref(), *camera, file, watch.draw))
-            .collect();
+        let fresh = looking.at(&new, &work);
         journal.append(&fresh).map_err(fail)?;
         done.extend(fresh);
         (watch.progress)(done.len(), work.len());
@@ -205,60 +195,6 @@ fn wanted(layout: &Layout) -> Result<(Vec<Pattern>, Vec<usize>), InputError> {
     Ok(found.into_iter().unzip())
 }
 
-fn look(
-    layout: &Layout,
-    detector: &dyn Detector,
-    wanted: &[Pattern],
-    prediction: Option<&Prediction>,
-    camera: usize,
-    file: &PictureFile,
-    draw: Option<&Path>,
-) -> Done {
-    let intrinsics = layout.cameras[camera].intrinsics.as_ref();
-    let mut done = Done {
-        camera,
-        configuration: file.configuration,
-        shot: file.shot,
-        stamp: stamp(&file.path),
-        corners: Vec::new(),
-        failure: None,
-    };
-    let found = GreyPicture::read(&file.path, intrinsics.map(Intrinsics::size)).map_err(|e| e.to_string()).and_then(
-        |picture| {
-            let lens = intrinsics.map(|i| i as &dyn Lens);
-            let corners = match prediction {
-                None => detector.detect(&picture, lens, wanted),
-                Some(prediction) => {
-                    let expected = prediction.of(layout, camera, file.configuration);
-                    detector.detect_expected(&picture, lens, wanted, &expected)
-                }
-            };
-            let corners = corners.map_err(|e| e.to_string())?;
-            if let Some(folder) = draw {
-                let name = &layout.cameras[camera].name;
-                let drawing = folder.join(format!("{name}_{:04}_{:02}.png", file.configuration, file.shot));
-                draw_to(&drawing, &picture, &corners).map_err(|e| e.to_string())?;
-            }
-            Ok(corners)
-        },
-    );
-    match found {
-        Ok(corners) => {
-            let plain = |c: Corner| (c.pattern, c.tag, c.corner, c.pixel, c.covariance);
-            done.corners = corners.into_iter().map(plain).collect();
-        }
-        Err(reason) => done.failure = Some(reason),
-    }
-    done
-}
-
-/// Size and modification time of a file.
-fn stamp(path: &Path) -> (u64, u64) {
-    let Ok(data) = std::fs::metadata(path) else { return (0, 0) };
-    let time = data.modified().ok().and_then(|t| t.duration_since(std::time::UNIX_EPOCH).ok());
-    (data.len(), time.map_or(0, |t| t.as_nanos() as u64))
-}
-
 fn no_pictures(layout: &Layout) -> Complaint {
     match layout.cameras.iter().find_map(|camera| Some((camera, camera.images.as_ref()?))) {
         Some((camera, images)) => Complaint::at(
@@ -291,11 +227,11 @@ fn journal_path(out: &Path) -> PathBuf {
 }
 
 /// What a journal must agree on to be continued: everything that detection depends on.
-fn fingerprint(layout: &Layout, detector: &str, wanted: &[Pattern], predict: Option<&Path>) -> String {
+fn fingerprint(layout: &Layout, detector: &str, wanted: &[Pattern], watch: &Watch<'_>) -> String {
     let lenses: BTreeMap<&str, _> =
         layout.cameras.iter().map(|c| (c.name.as_str(), (&c.images, &c.intrinsics))).collect();
-    let text =
-        format!("{} {detector} {wanted:?} {lenses:?} {:?}", crate::VERSION, predict.map(|file| (file, stamp(file))));
+    let (predict, search_all) = (watch.predict.map(|file| (file, stamp(file))), watch.search_all);
+    let text = format!("{} {detector} {wanted:?} {lenses:?} {predict:?} {search_all}", crate::VERSION);
     Sha256::digest(text.as_bytes()).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 

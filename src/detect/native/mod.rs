@@ -9,6 +9,8 @@
 //!
 //! Checkerboards: [`crossings`] are where their corners may be, [`grid`] puts them together.
 //!
+//! Pictures that show the same are known by their tiles ([`Sight`]) and need not be searched twice.
+//!
 //! Corners are then measured by [`super::edge_lines`] like those of any finder. Nothing is kept between pictures.
 
 mod codebook;
@@ -17,6 +19,7 @@ mod crossings;
 mod grid;
 mod outline;
 mod reading;
+mod sight;
 mod tiles;
 
 use super::checkerboard;
@@ -25,6 +28,7 @@ use super::picture::GreyPicture;
 use super::{Corner, DetectError, Detector, Dictionary, Expected, ExpectedTag, Lens, Pattern};
 use codebook::Codebook;
 use components::Wanted;
+pub use sight::Sight;
 
 /// Tags, checkerboards and ChArUco boards without any library. Free to make and to share.
 #[derive(Debug, Clone, Copy, Default)]

@@ -14,7 +14,7 @@ use crate::detect::picture::GreyPicture;
 /// Edge of a tile, px.
 pub(super) const TILE: usize = 8;
 /// Grey levels between the darkest and the brightest around a tile below which it is flat.
-const FLAT: u8 = 18;
+pub(super) const FLAT: u8 = 18;
 
 /// A threshold a tile.
 #[derive(Debug, Default)]
@@ -25,8 +25,15 @@ pub(super) struct Tiles {
     pub thresholds: Vec<u8>,
 }
 
+/// Darkest and brightest 2 x 2 mean of each tile, row by row.
+pub(super) struct Extremes {
+    pub columns: usize,
+    pub darkest: Vec<u8>,
+    pub brightest: Vec<u8>,
+}
+
 /// Cuts a picture into tiles. One pass over the pixels.
-pub(super) fn tiles(picture: &GreyPicture) -> Tiles {
+pub(super) fn tile_extremes(picture: &GreyPicture) -> Extremes {
     let (width, height) = (picture.width(), picture.height());
     let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
     let padded = columns * TILE;
@@ -43,7 +50,13 @@ pub(super) fn tiles(picture: &GreyPicture) -> Tiles {
         let band = picture.pixels().get(first..(first + TILE * width).min(width * height)).unwrap_or(&[]);
         arch.dispatch(Band { band, width, low: &mut low, high: &mut high, scratch: &mut scratch, darkest, brightest });
     }
-    let mut thresholds = vec![0; columns * rows];
+    Extremes { columns, darkest, brightest }
+}
+
+/// The tiles' thresholds.
+pub(super) fn tiles(picture: &GreyPicture) -> Tiles {
+    let Extremes { columns, mut darkest, mut brightest } = tile_extremes(picture);
+    let mut thresholds = vec![0; darkest.len()];
     widen::<false>(&mut darkest, columns);
     widen::<true>(&mut brightest, columns);
     for ((threshold, low), high) in thresholds.iter_mut().zip(&darkest).zip(&brightest) {

@@ -1,0 +1,150 @@
+//! Looking at pictures: several at once, and those of one configuration one after the other.
+//!
+//! A robot stands still while a camera takes several pictures. What its first two pictures show is expected in the others, as long as they show the same
+//! (see [`Neighbour`]). They are the first two that the recording has, whoever looks at them and when, so that the result is the same
+//! bits on any number of threads and after any interruption.
+
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+use super::neighbour::Neighbour;
+use super::predict::Prediction;
+use crate::detect::drawing::draw_to;
+use crate::detect::{Corner, Detector, GreyPicture, Lens, Pattern};
+use crate::geometry::Intrinsics;
+use crate::layout::Layout;
+use crate::layout::images::PictureFile;
+
+/// Pattern, tag, corner, pixel and covariance of a corner, as the journal keeps it.
+pub(super) type JournalCorner = (usize, Option<u32>, u32, [f64; 2], Option<[f64; 3]>);
+
+/// One picture's line in the journal.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct Done {
+    pub camera: usize,
+    pub configuration: u64,
+    pub shot: u64,
+    /// Size and modification time: a picture that was taken anew is looked at anew.
+    pub stamp: (u64, u64),
+    pub corners: Vec<JournalCorner>,
+    pub failure: Option<String>,
+}
+
+/// A picture and the camera that took it.
+pub(super) type Taken<'a> = (usize, &'a PictureFile);
+
+/// What is looked for, and how.
+pub(super) struct Looking<'a> {
+    pub layout: &'a Layout,
+    pub detector: &'a dyn Detector,
+    pub wanted: &'a [Pattern],
+    pub prediction: Option<&'a Prediction>,
+    pub draw: Option<&'a Path>,
+    pub search_all: bool,
+}
+
+/// What is known after a look: what the journal keeps, and the picture with its corners if it could be used.
+type Looked = (Done, Option<(GreyPicture, Vec<Corner>)>);
+
+impl Looking<'_> {
+    /// Looks at some of the pictures, which are sorted by camera, configuration and shot as `all` are. Results are in the same order.
+    pub fn at(&self, some: &[Taken<'_>], all: &[Taken<'_>]) -> Vec<Done> {
+        let groups: Vec<&[Taken<'_>]> = some.chunk_by(|a, b| key(a) == key(b)).collect();
+        let begun: Vec<(Vec<Done>, Option<Neighbour>)> =
+            groups.par_iter().map(|group| self.begin(group, all)).collect();
+        let rest: Vec<Vec<Done>> = groups
+            .par_iter()
+            .zip(&begun)
+            .map(|(group, (done, neighbour))| {
+                let rest = group.get(done.len()..).unwrap_or(&[]);
+                rest.par_iter().map(|taken| self.look(taken, neighbour.as_ref()).0).collect()
+            })
+            .collect();
+        begun.into_iter().zip(rest).flat_map(|((done, _), rest)| done.into_iter().chain(rest)).collect()
+    }
+
+    /// Looks at those of some pictures of one configuration that are its first two, and says what they mean for the others.
+    fn begin(&self, group: &[Taken<'_>], all: &[Taken<'_>]) -> (Vec<Done>, Option<Neighbour>) {
+        let Some(taken) = group.first() else { return (Vec::new(), None) };
+        let begin = all.partition_point(|other| key(other) < key(taken));
+        let firsts: Vec<&Taken<'_>> = all[begin..].iter().take(2).filter(|other| key(other) == key(taken)).collect();
+        let own = |first: &Taken<'_>| group.iter().any(|taken| taken.1.shot == first.1.shot);
+        let owned = firsts.iter().filter(|first| own(first)).count();
+        let needed = !self.search_all && owned < group.len();
+        let (mut done, mut seen) = (Vec::new(), Vec::new());
+        for first in firsts {
+            if needed || own(first) {
+                let (one, picture) = self.look(first, None);
+                if own(first) {
+                    done.push(one);
+                }
+                seen.extend(picture);
+            }
+        }
+        let neighbour = match seen.as_slice() {
+            [first, second] if needed => Neighbour::of([first, second], self.wanted),
+            _ => None,
+        };
+        (done, neighbour)
+    }
+
+    fn look(&self, (camera, file): &Taken<'_>, neighbour: Option<&Neighbour>) -> Looked {
+        let mut done = Done {
+            camera: *camera,
+            configuration: file.configuration,
+            shot: file.shot,
+            stamp: stamp(&file.path),
+            corners: Vec::new(),
+            failure: None,
+        };
+        match self.corners(*camera, file, neighbour) {
+            Ok((picture, corners)) => {
+                let plain = |c: &Corner| (c.pattern, c.tag, c.corner, c.pixel, c.covariance);
+                done.corners = corners.iter().map(plain).collect();
+                (done, Some((picture, corners)))
+            }
+            Err(reason) => {
+                done.failure = Some(reason);
+                (done, None)
+            }
+        }
+    }
+
+    fn corners(
+        &self,
+        camera: usize,
+        file: &PictureFile,
+        neighbour: Option<&Neighbour>,
+    ) -> Result<(GreyPicture, Vec<Corner>), String> {
+        let intrinsics = self.layout.cameras[camera].intrinsics.as_ref();
+        let picture = GreyPicture::read(&file.path, intrinsics.map(Intrinsics::size)).map_err(|e| e.to_string())?;
+        let lens = intrinsics.map(|i| i as &dyn Lens);
+        let corners = if let Some(expected) = neighbour.and_then(|neighbour| neighbour.expected_in(&picture)) {
+            self.detector.detect_expected(&picture, lens, self.wanted, expected)
+        } else if let Some(prediction) = self.prediction {
+            let expected = prediction.of(self.layout, camera, file.configuration);
+            self.detector.detect_expected(&picture, lens, self.wanted, &expected)
+        } else {
+            self.detector.detect(&picture, lens, self.wanted)
+        };
+        let corners = corners.map_err(|e| e.to_string())?;
+        if let Some(folder) = self.draw {
+            let name = &self.layout.cameras[camera].name;
+            let drawing = folder.join(format!("{name}_{:04}_{:02}.png", file.configuration, file.shot));
+            draw_to(&drawing, &picture, &corners).map_err(|e| e.to_string())?;
+        }
+        Ok((picture, corners))
+    }
+}
+
+fn key(taken: &Taken<'_>) -> (usize, u64) {
+    (taken.0, taken.1.configuration)
+}
+
+/// Size and modification time of a file.
+pub(super) fn stamp(path: &Path) -> (u64, u64) {
+    let Ok(data) = std::fs::metadata(path) else { return (0, 0) };
+    let time = data.modified().ok().and_then(|t| t.duration_since(std::time::UNIX_EPOCH).ok());
+    (data.len(), time.map_or(0, |t| t.as_nanos() as u64))
+}
