@@ -72,6 +72,22 @@ fn small_slanted_and_blurred_tags_are_measured() {
     }
 }
 
+/// Without allowing for it, tags look larger or smaller by a quarter to half a pixel at each corner.
+#[test]
+fn gamma_and_saturation_move_no_corner() {
+    for (scene, pictures) in [
+        (Scene { gamma: 0.45, ..USUAL }, 3),
+        (Scene { gamma: 2.2, ..USUAL }, 3),
+        (Scene { exposure: 1.4, ..USUAL }, 3),
+        // One tag has to tell it alone.
+        (Scene { gamma: 0.45, tags: 1, ..USUAL }, 12),
+    ] {
+        let t = tally(&scene, 0..pictures);
+        assert!(t.found >= 0.99 * t.tags && t.rms() < 0.025 && t.mean_pull().abs() < 0.02, "{} {t:?}", t.rms());
+        assert!((0.4..2.0).contains(&t.mean_normalised()), "{} {t:?}", t.mean_normalised());
+    }
+}
+
 #[test]
 fn small_tags_are_measured_through_a_lens() {
     let barrel = [-0.28, 0.07, 0.0, 0.0, 0.0];

@@ -11,67 +11,23 @@
 //! coordinates: there the lines are drawn and crossed; the pixels are measured as they are, against
 //! the curve that the line becomes in the picture.
 //!
+//! A camera that does not answer to light in proportion moves edges: `edge_tone` finds by how much, best from all tags of a picture at once.
+//!
 //! A corner comes with its covariance, from the scatter of its own two lines, or with the reason why
 //! it could not be measured. It is never passed on unrefined.
 
-use std::fmt;
-
 use super::blurred_cells::Cells;
+use super::edge_behind::Behind;
 use super::edge_fit::SideFit;
-use super::edge_side::{Behind, Bend, MOST_CELLS, Side};
-use super::edge_stations::Stations;
+use super::edge_side::{Bend, Side};
+use super::edge_stations::{Profile, Stations};
+use super::edge_tone::{Shift, Tone};
 use super::lens::Bender;
 pub use super::lens::Lens;
 use super::picture::GreyPicture;
 use super::projection::{Projection, cross};
+pub use super::refinement::{Refinement, Weakness};
 use super::whole_tag::WholeTag;
-
-/// Why a corner could not be measured.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Weakness {
-    /// The four corners given are not a convex quadrangle of some size.
-    NotAQuadrangle,
-    /// The lens model has no answer there.
-    OutsideLens,
-    /// One of its sides rises too little from black to white.
-    NoContrast,
-    /// One of its sides is too short, hidden, or outside the picture.
-    TooFewEdges,
-    /// One of its sides is no straight line.
-    NotStraight,
-    /// The lines meet too far from where the tag was found.
-    MovedTooFar,
-    /// The lines meet, but where is known to no better than [`LARGEST_DEVIATION`].
-    TooUncertain,
-}
-
-impl fmt::Display for Weakness {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        formatter.write_str(match self {
-            Self::NotAQuadrangle => "the corners are not a convex quadrangle",
-            Self::OutsideLens => "the lens model has no answer there",
-            Self::NoContrast => "a side has too little contrast",
-            Self::TooFewEdges => "a side is too short, hidden or outside the picture",
-            Self::NotStraight => "a side is not straight",
-            Self::MovedTooFar => "the sides meet too far from where the tag was found",
-            Self::TooUncertain => "the sides meet at too uncertain a place",
-        })
-    }
-}
-
-/// A corner after refinement.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Refinement {
-    /// Where it is (px) and `[suu, suv, svv]` (px^2).
-    Refined {
-        /// Where the corner is, px.
-        pixel: [f64; 2],
-        /// `[suu, suv, svv]`, px^2.
-        covariance: [f64; 3],
-    },
-    /// It cannot be told well.
-    Weak(Weakness),
-}
 
 /// Standard deviation in px, along the worst direction, above which a corner is weak.
 pub const LARGEST_DEVIATION: f64 = 0.5;
@@ -83,6 +39,8 @@ const USUAL_BLUR: f64 = 0.9;
 const CLEAR: f64 = 4.5;
 /// Exact fits of a tag's sides, at most.
 const MOST_PASSES: usize = 3;
+/// Tones that are tried, at most.
+const MOST_TONES: usize = 3;
 
 /// A tag that was found and is to be measured.
 #[derive(Debug, Clone, Copy)]
@@ -103,22 +61,49 @@ pub struct RoughTag<'a> {
 
 /// Measures the four corners of a tag; answers in the order of its corners.
 ///
-/// About 30 us for a tag of 70 px that was found closely. Where its cells are only a few blurs wide or a side cannot be measured, and the cells are
+/// About 40 us for a tag of 70 px that was found closely. Where its cells are only a few blurs wide or a side cannot be measured, and the cells are
 /// known, all of them are fitted at once: about three times as long.
 #[must_use]
 pub fn refine_tag(picture: &GreyPicture, lens: Option<&dyn Lens>, tag: &RoughTag<'_>) -> [Refinement; 4] {
+    let [corners] = refine_tags(picture, lens, &[*tag])[..] else {
+        return [Refinement::Weak(Weakness::TooFewEdges); 4];
+    };
+    corners
+}
+
+/// Measures the corners of all tags of a picture; answers in the order of the tags. Better than one by one, since they share the camera's tone.
+#[must_use]
+pub fn refine_tags(picture: &GreyPicture, lens: Option<&dyn Lens>, tags: &[RoughTag<'_>]) -> Vec<[Refinement; 4]> {
     let bender = Bender(lens);
-    let lines = refine(picture, &bender, tag);
-    if let Ok(lines) = &lines
-        && lines.clear
-    {
-        return lines.corners;
+    let mut stations = Stations::default();
+    let start = Profile { blur: USUAL_BLUR, tone: 0.0 };
+    let mut lines: Vec<_> = tags.iter().map(|tag| lines(picture, &bender, tag, start, &mut stations)).collect();
+    let mut tone = Tone::of(0.0, lines.iter().flatten().filter_map(|lines| lines.shift));
+    for _ in 0..MOST_TONES {
+        // A shift takes away what is lopsided only on average; much of it is better put into the edges' profile.
+        let Some(better) = tone.better() else { break };
+        for (tag, lines) in tags.iter().zip(&mut lines) {
+            if let Ok(clear) = lines
+                && clear.clear
+            {
+                *lines = clear.again(picture, &bender, tag, better, &mut stations);
+            }
+        }
+        tone = Tone::of(better, lines.iter().flatten().filter_map(|lines| lines.shift));
     }
-    match (whole(picture, &bender, tag, lines.as_ref().ok()), lines) {
-        (Ok(corners), _) => corners,
-        (Err(_), Ok(lines)) => lines.corners,
-        (Err(_), Err(weakness)) => [Refinement::Weak(weakness); 4],
-    }
+    let measured = tags.iter().zip(&lines).map(|(tag, lines)| {
+        let corrected = lines.as_ref().map_err(|weakness| *weakness).and_then(|lines| lines.corners(&bender, &tone));
+        if let (Ok(lines), Ok(corners)) = (lines, &corrected)
+            && lines.clear
+            && corners.iter().all(|corner| matches!(corner, Refinement::Refined { .. }))
+        {
+            return *corners;
+        }
+        whole(picture, &bender, tag, lines.as_ref().ok())
+            .or(corrected)
+            .unwrap_or_else(|weakness| [Refinement::Weak(weakness); 4])
+    });
+    measured.collect()
 }
 
 /// Measures the four corners of a tag of which only rough corners are known.
@@ -139,19 +124,29 @@ pub fn refine_quad(
 
 /// What the lines say.
 struct Lines {
-    corners: [Refinement; 4],
+    rough: [[f64; 2]; 4],
+    sides: [Side; 4],
+    fits: [Result<SideFit, Weakness>; 4],
     /// Where they meet, ideal pixels.
     ideal: [[f64; 2]; 4],
     blur: f64,
-    /// Whether all corners are measured and nothing shines through.
+    /// Whether all sides are measured and nothing shines through.
     clear: bool,
+    /// How far the camera's tone moves the edges, by this tag alone.
+    shift: Option<Shift>,
 }
 
-fn refine(picture: &GreyPicture, bender: &Bender<'_>, tag: &RoughTag<'_>) -> Result<Lines, Weakness> {
+fn lines(
+    picture: &GreyPicture,
+    bender: &Bender<'_>,
+    tag: &RoughTag<'_>,
+    expected: Profile,
+    stations: &mut Stations,
+) -> Result<Lines, Weakness> {
     let rough = tag.corners;
     let mut corners = rough;
     let mut ideal = bender.undistort_all(rough)?;
-    let mut blur = USUAL_BLUR;
+    let Profile { mut blur, tone } = expected;
     if !tag.close {
         let sides = build_sides(bender, corners, ideal, tag)?;
         let fits = [0, 1, 2, 3].map(|side: usize| sides[side].fit_roughly(picture));
@@ -161,12 +156,12 @@ fn refine(picture: &GreyPicture, bender: &Bender<'_>, tag: &RoughTag<'_>) -> Res
             corners = bender.distort_all(ideal)?;
         }
     }
-    let mut stations = Stations::default();
     let mut pass = 1;
     loop {
         let sides = build_sides(bender, corners, ideal, tag)?;
         let fits = [0, 1, 2, 3].map(|side: usize| {
-            sides[side].fit(picture, [&sides[(side + 3) % 4], &sides[(side + 1) % 4]], blur, &mut stations)
+            let neighbours = [&sides[(side + 3) % 4], &sides[(side + 1) % 4]];
+            sides[side].fit(picture, neighbours, Profile { blur, tone }, stations)
         });
         let found = fits.map(Result::ok);
         ideal = meet(bender, &sides, &found, ideal)?;
@@ -181,21 +176,47 @@ fn refine(picture: &GreyPicture, bender: &Bender<'_>, tag: &RoughTag<'_>) -> Res
         let moved =
             (0..4).map(|k| (corners[k][0] - before[k][0]).hypot(corners[k][1] - before[k][1])).fold(0.0, f64::max);
         if pass == MOST_PASSES || (moved < 0.3 && blur < 1.3 * assumed) {
-            let measured = [0, 1, 2, 3].map(|corner: usize| {
-                let before = (corner + 3) % 4;
-                match (&fits[before], &fits[corner]) {
-                    (Err(weakness), _) | (_, Err(weakness)) => Refinement::Weak(*weakness),
-                    (Ok(first), Ok(second)) => {
-                        judge(rough[corner], corners[corner], [&sides[before], &sides[corner]], [first, second])
-                    }
-                }
-            });
             let thinnest = sides.iter().flat_map(|side| side.inner_cell).fold(f64::MAX, f64::min);
-            let clear =
-                thinnest > CLEAR * blur && measured.iter().all(|corner| matches!(corner, Refinement::Refined { .. }));
-            return Ok(Lines { corners: measured, ideal, blur, clear });
+            let clear = thinnest > CLEAR * blur && fits.iter().all(Result::is_ok);
+            let shift = if clear { Shift::of_tag(picture, bender, tag, ideal, &fits, tone, stations) } else { None };
+            return Ok(Lines { rough, sides, fits, ideal, blur, clear, shift });
         }
         pass += 1;
+    }
+}
+
+impl Lines {
+    /// The same with a better tone.
+    fn again(
+        &self,
+        picture: &GreyPicture,
+        bender: &Bender<'_>,
+        tag: &RoughTag<'_>,
+        tone: f64,
+        stations: &mut Stations,
+    ) -> Result<Self, Weakness> {
+        let near = RoughTag { corners: bender.distort_all(self.ideal)?, close: true, ..*tag };
+        let found = lines(picture, bender, &near, Profile { blur: self.blur, tone }, stations)?;
+        Ok(Self { rough: self.rough, ..found })
+    }
+
+    /// The corners, the tone's shift taken away.
+    fn corners(&self, bender: &Bender<'_>, tone: &Tone) -> Result<[Refinement; 4], Weakness> {
+        let shift = tone.shift(self.shift);
+        let fits = self.fits.map(|fit| fit.map(|fit| shift.taken_from(fit)));
+        let pixels = bender.distort_all(meet(bender, &self.sides, &fits.map(Result::ok), self.ideal)?)?;
+        Ok([0, 1, 2, 3].map(|corner: usize| {
+            let before = (corner + 3) % 4;
+            match (&fits[before], &fits[corner]) {
+                (Err(weakness), _) | (_, Err(weakness)) => Refinement::Weak(*weakness),
+                (Ok(first), Ok(second)) => judge(
+                    self.rough[corner],
+                    pixels[corner],
+                    [&self.sides[before], &self.sides[corner]],
+                    [first, second],
+                ),
+            }
+        }))
     }
 }
 
@@ -306,40 +327,11 @@ fn build_sides(
             None
         };
         let (inner_cell, outer_cell) = ([width(0.1, cell), width(0.9, cell)], [width(0.1, -cell), width(0.9, -cell)]);
-        let behind = tag.cells.and_then(|cells| behind(&unit, side, tag.cells_per_side, cells));
+        let behind = tag.cells.and_then(|cells| Behind::of(&unit, side, tag.cells_per_side, cells));
         let bright_inside = tag.bright_inside;
         sides.push(Side { start, along, outward, length, bend, inner_cell, outer_cell, bright_inside, behind });
     }
     sides.try_into().map_err(|_| Weakness::NotAQuadrangle)
-}
-
-/// The cells behind the border along one side.
-fn behind(unit: &Projection, side: usize, per_side: usize, cells: &[bool]) -> Option<Behind> {
-    if cells.len() != per_side.checked_mul(per_side)? || per_side < 3 || per_side - 2 > MOST_CELLS {
-        return None;
-    }
-    let count = per_side - 2;
-    let last = per_side - 1;
-    let at = |k: usize| match side {
-        0 => (1, k),
-        1 => (k, last - 1),
-        2 => (last - 1, last - k),
-        _ => (last - k, 1),
-    };
-    let mut behind = Behind { count, bright: [false; MOST_CELLS], places: [0.0; MOST_CELLS + 1] };
-    let (start, end) = (unit.map(Projection::on_side(side, 0.0, 0.0)), unit.map(Projection::on_side(side, 1.0, 0.0)));
-    let along = [end[0] - start[0], end[1] - start[1]];
-    let square = along[0] * along[0] + along[1] * along[1];
-    for k in 0..=count {
-        if k < count {
-            let (row, column) = at(k + 1);
-            behind.bright[k] = cells.get(row * per_side + column).copied()?;
-        }
-        // Seen from the border's middle, where the two edges' blurs meet.
-        let point = unit.map(Projection::on_side(side, (k + 1) as f64 / per_side as f64, 0.7 / per_side as f64));
-        behind.places[k] = ((point[0] - start[0]) * along[0] + (point[1] - start[1]) * along[1]) / square;
-    }
-    Some(behind)
 }
 
 /// Moves each side by its fit (a side without one stays) and crosses neighbours, in ideal coordinates.

@@ -18,9 +18,10 @@
 //! which are round in a blurred picture. The first two limit `d`, the last is a clearance from the
 //! neighbouring sides.
 
-use super::edge_fit::{Edge, SideFit, fit_line, normal};
+use super::edge_behind::Behind;
+use super::edge_fit::{Edge, SideFit, fit_line};
 use super::edge_lines::Weakness;
-use super::edge_stations::Stations;
+use super::edge_stations::{Profile, Stations, Step};
 use super::picture::GreyPicture;
 
 /// Fewer stations than this are no line.
@@ -31,12 +32,16 @@ const MINIMUM_CONTRAST: f64 = 8.0;
 const BLUR_BOUNDS: [f64; 2] = [0.35, 4.0];
 /// Half the width, in pixels, of the band of pixels that is looked at; beyond it there is only noise.
 const WIDEST_GATE: f64 = 3.0;
+/// Passes over the samples of a side.
+const SWEEPS: usize = 3;
+/// Blurs between a station at a bright cell and the next dark one.
+const CELL_CLEARANCE: f64 = 2.0;
 /// Systematic error allowed for at one station, px: print, Bayer pattern, JPEG.
 const STATION_FLOOR: f64 = 0.01;
 
 /// A side as it is known before a fit.
 #[derive(Debug, Clone)]
-pub(crate) struct Side {
+pub(super) struct Side {
     /// First corner, pixels.
     pub start: [f64; 2],
     /// Unit vector from the first corner to the second.
@@ -56,20 +61,6 @@ pub(crate) struct Side {
     /// The cells behind the border, where the tag has been read.
     pub behind: Option<Behind>,
 }
-
-/// The cells behind a side's border, in the order of its corners.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Behind {
-    /// How many of the places are used.
-    pub count: usize,
-    /// Whether each has the shade of the margin.
-    pub bright: [bool; MOST_CELLS],
-    /// Where each begins, and the last one ends, as a part of the side.
-    pub places: [f64; MOST_CELLS + 1],
-}
-
-/// Data cells along a side, at most.
-pub(crate) const MOST_CELLS: usize = 12;
 
 /// A bent side as a polynomial of the place along it, through five points.
 #[derive(Debug, Clone)]
@@ -160,27 +151,27 @@ impl Side {
 
     /// The exact fit; see the module's head. The side must be within a pixel or two of the edge.
     ///
-    /// `neighbours` are the two sides it meets, `blur` a first idea of the edge's blur in px.
+    /// `neighbours` are the two sides it meets, `expected` is a first idea of the edge's blur and the camera's tone.
     pub fn fit(
         &self,
         picture: &GreyPicture,
         neighbours: [&Side; 2],
-        blur: f64,
+        expected: Profile,
         stations: &mut Stations,
     ) -> Result<SideFit, Weakness> {
+        let blur = expected.blur;
         let widest = WIDEST_GATE.max(3.0 * blur);
-        self.gather(picture, neighbours, blur, widest, stations);
-        let blur = stations.fit(blur, BLUR_BOUNDS, widest, 3);
+        let clearance = (3.0 * blur).max(2.0);
+        let clear = |_: f64, ends: [[f64; 2]; 2]| {
+            ends.iter().all(|end| neighbours.iter().all(|side| side.outside(*end) < -clearance))
+        };
+        let shine = |u: f64| {
+            self.behind.as_ref().map_or(0.0, |behind| behind.shine(u / self.length, blur / self.length) as f32)
+        };
+        self.gather(picture, widest, stations, clear, shine);
+        let blur = stations.fit(expected, BLUR_BOUNDS, widest, SWEEPS);
         let count = stations.len();
-        let noise = pixel_noise(stations).ok_or(Weakness::TooFewEdges)?;
-        let mut edges: Vec<Edge> = stations
-            .steps()
-            .filter_map(|step| {
-                let variance = step.information_inverse * noise + STATION_FLOOR.powi(2);
-                (step.contrast > MINIMUM_CONTRAST && step.contrast > 3.0 * noise.sqrt() && variance < 0.25)
-                    .then(|| Edge { u: step.u, offset: step.edge, weight: 1.0 / variance })
-            })
-            .collect();
+        let mut edges = edges(stations).ok_or(Weakness::TooFewEdges)?;
         if edges.len() < MINIMUM_STATIONS {
             return Err(if edges.len() * 2 < count { Weakness::NoContrast } else { Weakness::TooFewEdges });
         }
@@ -200,14 +191,35 @@ impl Side {
         Ok(SideFit { blur, ..line })
     }
 
-    /// The pixels near the side, in stations.
-    fn gather(&self, picture: &GreyPicture, neighbours: [&Side; 2], blur: f64, widest: f64, stations: &mut Stations) {
+    /// The edges between the border and the bright cells behind it, for a side that is the border's inner one (its [`Behind`] lies outside then).
+    /// The side must be within a fraction of a pixel of them.
+    pub fn fit_bright_cells(&self, picture: &GreyPicture, expected: Profile, stations: &mut Stations) -> Vec<Edge> {
+        let Some(behind) = &self.behind else { return Vec::new() };
+        let blur = expected.blur;
+        let widest = WIDEST_GATE.max(3.0 * blur);
+        let clearance = CELL_CLEARANCE * blur / self.length;
+        // The margin is what lies beyond the border.
+        let clear = |u: f64, _: [[f64; 2]; 2]| behind.is_bright(u / self.length, clearance);
+        self.gather(picture, widest, stations, clear, |_| 1.0);
+        stations.fit(expected, BLUR_BOUNDS, widest, SWEEPS);
+        edges(stations).unwrap_or_default()
+    }
+
+    /// The pixels near the side, in stations: from the rows or columns that are clear, by their place along the side and their first and last pixel. `shine` is
+    /// the part of what lies behind the border that is bright at a place along the side.
+    fn gather(
+        &self,
+        picture: &GreyPicture,
+        widest: f64,
+        stations: &mut Stations,
+        clear: impl Fn(f64, [[f64; 2]; 2]) -> bool,
+        shine: impl Fn(f64) -> f32,
+    ) {
         stations.clear();
         let major = usize::from(self.along[0].abs() < self.along[1].abs());
         let minor = 1 - major;
         let end = [self.start[0] + self.length * self.along[0], self.start[1] + self.length * self.along[1]];
         let extent = [picture.width(), picture.height()];
-        let clearance = (3.0 * blur).max(2.0);
         let per_station = (self.length / 80.0).ceil().max(2.0) as usize;
         let shade = |value: u8| f32::from(if self.bright_inside { u8::MAX - value } else { value });
         let stride = if minor == 0 { 1 } else { picture.width() };
@@ -231,8 +243,7 @@ impl Side {
             let point = |place: usize| {
                 if major == 0 { [line as f64, place as f64] } else { [place as f64, line as f64] }
             };
-            let clear = |place: usize| neighbours.iter().all(|side| side.outside(point(place)) < -clearance);
-            if places.is_empty() || !clear(places.start) || !clear(places.end - 1) {
+            if places.is_empty() || !clear(u, [point(places.start), point(places.end - 1)]) {
                 continue;
             }
             let first =
@@ -248,30 +259,26 @@ impl Side {
             if lines_in_station >= per_station && stations.filling() >= 8 {
                 let u = f64::from(stations.place());
                 let (inner, outer) = (self.lerp(self.inner_cell, u), self.lerp(self.outer_cell, u));
-                stations.complete(inner as f32, outer as f32, self.shine_at(u, blur));
+                stations.complete(inner as f32, outer as f32, shine(u));
                 lines_in_station = 0;
             }
         }
         stations.abandon();
     }
+}
 
-    /// How much of the cell behind the border is bright at a place along the side, with its neighbours blurred in.
-    fn shine_at(&self, u: f64, blur: f64) -> Option<f32> {
-        let behind = self.behind.as_ref()?;
-        let place = u / self.length;
-        let soft = blur / self.length;
-        let step = |at: f64| normal((place - at) / soft).0;
-        let mut shine = 0.0;
-        for (k, bright) in (0..behind.count).zip(behind.bright) {
-            if bright {
-                let (from, to) = (behind.places[k], behind.places[k + 1]);
-                if (from - 4.0 * soft..to + 4.0 * soft).contains(&place) {
-                    shine += step(from) - step(to);
-                }
-            }
-        }
-        Some(shine as f32)
-    }
+/// The edges that stations found, with their weights.
+fn edges(stations: &Stations) -> Option<Vec<Edge>> {
+    let noise = pixel_noise(stations)?;
+    let believed = |step: Step| {
+        let variance = step.information_inverse * noise + STATION_FLOOR.powi(2);
+        (step.contrast > MINIMUM_CONTRAST && step.contrast > 3.0 * noise.sqrt() && variance < 0.25).then(|| Edge {
+            u: step.u,
+            offset: step.edge,
+            weight: 1.0 / variance,
+        })
+    };
+    Some(stations.steps().filter_map(believed).collect())
 }
 
 /// Variance of a grey value about the fitted steps; the median station, so that a few bad ones do

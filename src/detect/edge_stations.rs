@@ -10,6 +10,8 @@
 //! projection: it converges from a pixel away). `blur` is common to the side. `shine` is how much of the next cell inwards
 //! is bright at that place; it is known once the tag has been read, and it matters where cells are only a few blurs wide.
 //!
+//! Where the camera does not answer to light in proportion, the bracket is `p + tone * p (1 - p)` in place of p; see [`super::edge_tone`].
+//!
 //! Eight stations are worked on at once, each in its own lane of a wide register: that is what makes the measuring of a tag
 //! cost some forty microseconds. All numbers are single precision; rounding is a thousandth of what noise leaves.
 
@@ -33,6 +35,14 @@ pub(super) struct Step {
     pub information_inverse: f64,
     /// Variance of a grey value about the step.
     pub noise: f64,
+}
+
+/// What edges look like.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Profile {
+    /// Standard deviation, px.
+    pub blur: f64,
+    pub tone: f64,
 }
 
 /// Eight stations.
@@ -132,12 +142,12 @@ impl Stations {
     }
 
     /// Completes the station that is filling: widths of the cells inside and outside, px, and the part of the next cell that is bright.
-    pub fn complete(&mut self, inner: f32, outer: f32, shine: Option<f32>) {
+    pub fn complete(&mut self, inner: f32, outer: f32, shine: f32) {
         let lane = self.stations % LANES;
         if let Some(group) = self.groups.last_mut() {
             group.u[lane] /= group.count[lane].max(1.0);
             (group.inner[lane], group.outer[lane]) = (inner, outer);
-            group.shine[lane] = shine.unwrap_or(0.0);
+            group.shine[lane] = shine;
         }
         self.stations += 1;
         self.filling = 0;
@@ -162,10 +172,11 @@ impl Stations {
         self.filling = 0;
     }
 
-    /// Fits all stations from edges at 0 and the blur given; returns the side's blur (px). `sweeps` is the number of passes over the samples.
-    pub fn fit(&mut self, blur: f64, bounds: [f64; 2], widest: f64, sweeps: usize) -> f64 {
+    /// Fits all stations from edges at 0 and the expectation's blur; returns the side's blur (px). `sweeps` is the number of passes over the samples.
+    pub fn fit(&mut self, expected: Profile, bounds: [f64; 2], widest: f64, sweeps: usize) -> f64 {
         let bounds = bounds.map(|bound| bound as f32);
-        let fit = Fit { stations: self, blur: blur as f32, bounds, widest: widest as f32, sweeps };
+        let Profile { blur, tone } = expected;
+        let fit = Fit { stations: self, blur: blur as f32, tone: tone as f32, bounds, widest: widest as f32, sweeps };
         f64::from(Arch::new().dispatch(fit))
     }
 
@@ -187,6 +198,7 @@ impl Stations {
 struct Fit<'a> {
     stations: &'a mut Stations,
     blur: f32,
+    tone: f32,
     bounds: [f32; 2],
     widest: f32,
     sweeps: usize,
@@ -201,7 +213,7 @@ impl WithSimd for Fit<'_> {
         if S::F32_LANES > LANES {
             return self.with_simd(Scalar);
         }
-        let Self { stations, mut blur, bounds, widest, sweeps } = self;
+        let Self { stations, mut blur, tone, bounds, widest, sweeps } = self;
         for sweep in 0..sweeps {
             let (mut gradient, mut curvature) = (0.0, 0.0);
             let mut end = stations.distances.len();
@@ -209,7 +221,7 @@ impl WithSimd for Fit<'_> {
                 let (d, v) = (&stations.distances[group.first..end], &stations.values[group.first..end]);
                 end = group.first;
                 for part in 0..LANES / S::F32_LANES {
-                    let [g, c] = sweep_part(simd, group, part, d, v, blur, widest);
+                    let [g, c] = sweep_part(simd, group, part, [d, v], [blur, tone], widest);
                     gradient += g;
                     curvature += c;
                 }
@@ -228,22 +240,25 @@ fn sweep_part<S: Simd>(
     simd: S,
     group: &mut Group,
     part: usize,
-    distances: &[Lanes],
-    values: &[Lanes],
-    blur: f32,
+    [distances, values]: [&[Lanes]; 2],
+    [blur, tone]: [f32; 2],
     widest: f32,
 ) -> [f32; 2] {
     let number = |value: f32| Wide::splat(simd, value);
     let (zero, one) = (number(0.0), number(1.0));
     let sharpness = number(1.0 / blur);
+    let toned = tone != 0.0;
     let inner = lanes(simd, &group.inner, part);
     let edge = lanes(simd, &group.edge, part);
     let shine = lanes(simd, &group.shine, part);
     let shines = group.shine.iter().any(|shine| *shine > 0.0);
     // Pixels may be used to where the next edge, one cell away, has faded.
     let farthest = number(widest.min(4.5 * blur));
-    let gate = |cell: Wide<S>| (cell - number(2.0 * blur)).max(number(0.55) * cell).min(farthest);
-    let (low, high) = (-gate(inner), gate(lanes(simd, &group.outer, part)));
+    // The tone makes more of it on the one side than on the other.
+    let gate = |cell: Wide<S>, more: f32| {
+        (cell - number((2.0 + more.max(0.0)) * blur)).max(number(0.55 - 0.1 * more.max(0.0)) * cell).min(farthest)
+    };
+    let (low, high) = (-gate(inner, tone), gate(lanes(simd, &group.outer, part), -tone));
     // p: Phi, v: the value, g: the slope of Phi, h: its slope by the blur.
     let (mut n, mut p, mut pp, mut v, mut pv, mut vv) = (zero, zero, zero, zero, zero, zero);
     let (mut g, mut gp, mut gg, mut gv) = (zero, zero, zero, zero);
@@ -252,13 +267,19 @@ fn sweep_part<S: Simd>(
         let d = lanes(simd, d, part);
         let w = low.less(d).and(d.less(high)).choose(one, zero);
         let z = (d - edge) * sharpness;
-        let (mut phi, density) = normal(simd, z);
+        let (mut phi, mut density) = normal(simd, z);
         let mut dh = density * z;
         if shines {
             let z = -(d + inner) * sharpness;
             let (behind, density) = normal(simd, z);
             phi = phi + shine * behind;
             dh = dh + shine * density * z;
+        }
+        if toned {
+            let steeper = one + number(tone) * (one - phi - phi);
+            phi = phi + number(tone) * phi * (one - phi);
+            density = density * steeper;
+            dh = dh * steeper;
         }
         let (phi, slope, dh, x) = (w * phi, w * density, w * dh, w * lanes(simd, value, part));
         n = n + w;

@@ -8,6 +8,7 @@
 //!
 //! * [`picture`]: reads files into [`GreyPicture`]s, suspicious of sizes.
 //! * [`edge_lines`]: a tag's corners, from straight lines fitted to its border's edges.
+//! * `edge_tone`: what a camera's gamma and saturation do to edges, found and taken away.
 //! * `whole_tag`: the same, from all cells at once, where cells are only a few blurs wide.
 //! * [`saddle`]: a board's corners, from the crossing of two edges.
 //! * [`charuco`]: a ChArUco board's corners, from the tags on it.
@@ -24,10 +25,12 @@ mod blurred_cells;
 pub mod charuco;
 pub mod checkerboard;
 pub mod drawing;
+mod edge_behind;
 mod edge_fit;
 pub mod edge_lines;
 mod edge_side;
 mod edge_stations;
+mod edge_tone;
 mod lens;
 pub mod native;
 #[cfg(feature = "opencv")]
@@ -36,6 +39,7 @@ pub mod patterns;
 pub mod picture;
 mod plane_map;
 mod projection;
+mod refinement;
 pub mod saddle;
 mod tag_pixels;
 mod tag_sums;

@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 
 use super::charuco::CharucoBoard;
-use super::edge_lines::{Refinement, RoughTag, refine_tag};
+use super::edge_lines::{Refinement, RoughTag, refine_tag, refine_tags};
 use super::plane_map::PlaneMap;
 use super::saddle::{RoughCorner, refine_saddle};
 use super::{Corner, DetectError, Dictionary, GreyPicture, Lens, Pattern};
@@ -25,26 +25,46 @@ pub struct FoundTag {
 }
 
 impl FoundTag {
-    /// Measures its corners.
+    /// Measures its corners. Those of several tags of a picture are measured better together, by [`refine_found`].
     #[must_use]
     pub fn refine(&self, picture: &GreyPicture, lens: Option<&dyn Lens>, dictionary: Dictionary) -> [Refinement; 4] {
+        let cells = self.cells(dictionary);
+        refine_tag(picture, lens, &self.rough(dictionary, cells.as_deref()))
+    }
+
+    /// The cells within its edge: whether each has the shade of what is just outside the edge.
+    fn cells(&self, dictionary: Dictionary) -> Option<Vec<bool>> {
         let edge = dictionary.edge_cells();
         let (side, around) = (dictionary.cells_per_side(), (dictionary.cells_per_side() - edge) / 2);
-        // Within the edge: whether each has the shade of what is just outside it.
         let white_outside = !dictionary.data_around_border();
-        let cells: Option<Vec<bool>> = dictionary.cells(self.id).map(|cells| {
+        dictionary.cells(self.id).map(|cells| {
             let within = (0..edge * edge).map(|k| (k / edge + around) * side + k % edge + around);
             within.map(|k| cells.get(k).is_some_and(|white| *white == white_outside)).collect()
-        });
-        let tag = RoughTag {
+        })
+    }
+
+    fn rough<'a>(&self, dictionary: Dictionary, cells: Option<&'a [bool]>) -> RoughTag<'a> {
+        RoughTag {
             corners: self.corners,
-            cells_per_side: edge,
+            cells_per_side: dictionary.edge_cells(),
             bright_inside: self.bright_inside,
             close: self.close,
-            cells: cells.as_deref(),
-        };
-        refine_tag(picture, lens, &tag)
+            cells,
+        }
     }
+}
+
+/// Measures the corners of tags of one picture, which may be of several dictionaries; answers in their order.
+#[must_use]
+pub fn refine_found(
+    picture: &GreyPicture,
+    lens: Option<&dyn Lens>,
+    tags: &[(FoundTag, Dictionary)],
+) -> Vec<[Refinement; 4]> {
+    let cells: Vec<Option<Vec<bool>>> = tags.iter().map(|(tag, dictionary)| tag.cells(*dictionary)).collect();
+    let rough: Vec<RoughTag<'_>> =
+        tags.iter().zip(&cells).map(|((tag, dictionary), cells)| tag.rough(*dictionary, cells.as_deref())).collect();
+    refine_tags(picture, lens, &rough)
 }
 
 /// Finds patterns roughly.
@@ -87,18 +107,15 @@ pub(super) fn detect_with(
         place.and_then(|place| found.get(place)).map_or(&[] as &[FoundTag], Vec::as_slice)
     };
     let mut corners = Vec::new();
+    // Tags of all patterns and what pattern each belongs to.
+    let (mut tags, mut patterns) = (Vec::new(), Vec::new());
     for (index, pattern) in wanted.iter().enumerate() {
         let refused = |reason: &str| DetectError::Pattern { pattern: index, reason: reason.to_owned() };
         match pattern {
             Pattern::Tags { dictionary, ids } => {
-                for tag in found_of(dictionary).iter().filter(|tag| ids.contains(&tag.id)) {
-                    for (corner, refinement) in (0..).zip(tag.refine(picture, lens, *dictionary)) {
-                        if let Refinement::Refined { pixel, covariance } = refinement {
-                            let covariance = Some(covariance);
-                            corners.push(Corner { pattern: index, tag: Some(tag.id), corner, pixel, covariance });
-                        }
-                    }
-                }
+                let wanted = found_of(dictionary).iter().filter(|tag| ids.contains(&tag.id));
+                tags.extend(wanted.map(|tag| (*tag, *dictionary)));
+                patterns.resize(tags.len(), index);
             }
             Pattern::Checkerboard { columns, rows } => {
                 if *columns < 3 || *rows < 3 {
@@ -136,6 +153,14 @@ pub(super) fn detect_with(
                         covariance: Some(covariance),
                     },
                 ));
+            }
+        }
+    }
+    for ((pattern, (tag, _)), refined) in patterns.iter().zip(&tags).zip(refine_found(picture, lens, &tags)) {
+        for (corner, refinement) in (0..).zip(refined) {
+            if let Refinement::Refined { pixel, covariance } = refinement {
+                let (tag, covariance) = (Some(tag.id), Some(covariance));
+                corners.push(Corner { pattern: *pattern, tag, corner, pixel, covariance });
             }
         }
     }
