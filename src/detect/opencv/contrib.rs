@@ -17,6 +17,8 @@ pub(super) fn find(
     let family = get_predefined_dictionary_i32(family)?;
     let mut parameters = DetectorParameters::default()?;
     usual_parameters!(parameters, CornerRefineMethod::CORNER_REFINE_NONE);
+    // Two tags side by side are not one tag twice until they nearly coincide.
+    parameters.set_min_marker_distance_rate(0.02);
     let parameters = Ptr::new(parameters);
     let (mut ids, mut corners, mut rejected) = (Vector::new(), Vector::new(), Vector::<Vector<Point2f>>::new());
     detect_markers(picture, &family, &mut corners, &mut ids, &parameters, &mut rejected)?;

@@ -32,8 +32,6 @@ macro_rules! usual_parameters {
         // of small tags are not much wider. Finds half as many tags again in the AprilTag photographs.
         $parameters.set_perspective_remove_pixel_per_cell(8);
         $parameters.set_perspective_remove_ignored_margin_per_cell(0.33);
-        // Two tags side by side are not one tag twice until they nearly coincide.
-        $parameters.set_min_marker_distance_rate(0.02);
     };
 }
 
