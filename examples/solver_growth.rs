@@ -44,8 +44,15 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 }
 
 fn measure(pictures: u64) -> Result<Measured, Box<dyn std::error::Error>> {
-    let size =
-        sizes::Size { spaces: 1, robots: 1, cameras: 3, stops: pictures / 3, shots: 1, board: sizes::Board::Small };
+    let size = sizes::Size {
+        spaces: 1,
+        robots: 1,
+        cameras: 3,
+        stops: pictures / 3,
+        shots: 1,
+        board: sizes::Board::Small,
+        plates: 0,
+    };
     let mut problem = sizes::problem(size, false);
     let tree = FrameTree::new(&problem.layout);
     let plan = Plan::new(&problem.layout, &tree, &problem.recording)?;

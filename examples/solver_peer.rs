@@ -1,7 +1,7 @@
 //! One problem for two solvers: writes it to a file for another program, or solves it and says how long that took.
 //!
 //! `cargo run --release --example solver_peer -- write SIZE fixed|free FILE`, `... -- solve SIZE fixed|free POSES`. Sizes: small, paper, single, cell,
-//! moving, hall. `benches/peers/ceres/run.py` runs both sides.
+//! moving, hall, floor. `benches/peers/ceres/run.py` runs both sides.
 
 #[path = "../benches/support/sizes.rs"]
 mod sizes;

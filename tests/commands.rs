@@ -3,6 +3,8 @@
 #[path = "support/program.rs"]
 mod program;
 
+use std::path::Path;
+
 use program::{contents, folder, json, run, stderr, stdout};
 
 /// The demo, and then every command on its files.
@@ -97,6 +99,32 @@ fn the_demo_from_end_to_end() {
     let compared = json(&run(&demo, &["compare", "again.yaml", "solution.yaml", "--json"]));
     assert!(compared["worst_translation_mm"].as_f64().unwrap() < 1e-6, "{compared}");
     assert!(compared["poses"]["world_from_camera"]["within_sigma"].as_f64().unwrap() < 0.1);
+    sparse_equations_give_the_same(&demo, &solved);
+}
+
+/// The form of the equations is chosen, told, and overridden.
+fn sparse_equations_give_the_same(demo: &Path, solved: &serde_json::Value) {
+    assert_eq!(solved["solver"]["form"], "dense");
+    assert!(solved["solver"]["why"].as_str().unwrap().ends_with("are few"), "{}", solved["solver"]);
+    let sparse = ["solve", "layout.yaml", "--solver", "sparse", "--out", "sparse.yaml"];
+    let found = json(&run(demo, &[&sparse[..], &["--json"]].concat()));
+    assert_eq!(found["solver"]["form"], "sparse");
+    assert!(found["solver"]["sparse_multiplications"].as_f64().unwrap() > 0.0);
+    for (key, pose) in solved["poses"].as_object().unwrap() {
+        for part in ["xyz_mm", "sigma_xyz_mm"] {
+            let other = &found["poses"][key][part];
+            assert_eq!(pose[part].is_null(), other.is_null(), "{key} {part}");
+            for i in 0..3 {
+                let [a, b] = [pose[part][i].as_f64(), other[i].as_f64()];
+                assert!((a.unwrap_or(0.0) - b.unwrap_or(0.0)).abs() < 1e-4, "{key} {part}: {a:?} {b:?}");
+            }
+        }
+    }
+    let refused = run(demo, &[&sparse[..], &["--covariance", "covariance.json"]].concat());
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(stderr(&refused).contains("is not kept whole"), "{}", stderr(&refused));
+    let between = run(demo, &[&sparse[..], &["--between", "camera", "ur3.base", "--json"]].concat());
+    assert!(json(&between)["between"][0]["sigma_xyz_mm"][0].as_f64().unwrap() > 0.0);
 }
 
 /// A run that was stopped leaves a journal; the next goes on from there and the result is the same.

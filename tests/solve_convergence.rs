@@ -7,7 +7,7 @@ use cellmap::frames::{FrameTree, Freedom};
 use cellmap::geometry::Pose;
 use cellmap::geometry::pose::Twist;
 use cellmap::initialise::initialise;
-use cellmap::layout::Layout;
+use cellmap::layout::{Layout, SolverChoice};
 use cellmap::recording::Recording;
 use cellmap::solve::{Assembler, Loss, Options, Plan, Priors, Report, State, Termination, minimise};
 use nalgebra::Vector3;
@@ -108,8 +108,12 @@ targets:
     pose: {xyz: [0, 0, 0], rpy: [0, 0, 0.1], start: true}
 ";
 
-fn floating() -> (Layout, Recording) {
-    let layout = cells::layout(FLOATING);
+/// The form of the equations must not matter to what is told of them.
+const FORMS: [SolverChoice; 2] = [SolverChoice::Dense, SolverChoice::Sparse];
+
+fn floating(solver: SolverChoice) -> (Layout, Recording) {
+    let mut layout = cells::layout(FLOATING);
+    layout.solve.solver = solver;
     let motions =
         vec![cellmap::recording::RobotMotion::Joints(cells::wander(&[3.2, -1.6, 1.9, -1.87, -1.57, 0.2], 0.1, 3, 2))];
     let recording = cells::record(&layout, motions, 0.3, 3);
@@ -118,7 +122,11 @@ fn floating() -> (Layout, Recording) {
 
 #[test]
 fn equations_that_are_not_positive_definite_raise_the_damping_and_nothing_else() {
-    let (layout, recording) = floating();
+    FORMS.into_iter().for_each(not_positive_definite);
+}
+
+fn not_positive_definite(solver: SolverChoice) {
+    let (layout, recording) = floating(solver);
     let tree = FrameTree::new(&layout);
     let plan = Plan::new(&layout, &tree, &recording).unwrap();
     let mut state = displaced(&tree, &truth_of(&layout, &tree, &plan), 0.05, 3.0, 4);
@@ -137,7 +145,11 @@ fn equations_that_are_not_positive_definite_raise_the_damping_and_nothing_else()
 
 #[test]
 fn from_far_away_steps_are_refused_until_damping_makes_them_short() {
-    let (layout, recording) = floating();
+    FORMS.into_iter().for_each(from_far_away);
+}
+
+fn from_far_away(solver: SolverChoice) {
+    let (layout, recording) = floating(solver);
     let tree = FrameTree::new(&layout);
     let plan = Plan::new(&layout, &tree, &recording).unwrap();
     let mut rejected = 0;
@@ -155,7 +167,7 @@ fn from_far_away_steps_are_refused_until_damping_makes_them_short() {
 
 #[test]
 fn a_start_that_is_no_number_is_said_to_be_none() {
-    let (layout, recording) = floating();
+    let (layout, recording) = floating(SolverChoice::Auto);
     let tree = FrameTree::new(&layout);
     let plan = Plan::new(&layout, &tree, &recording).unwrap();
     for spoil in [f64::NAN, f64::INFINITY] {

@@ -38,6 +38,8 @@ pub struct Size {
     pub stops: u64,
     pub shots: u64,
     pub board: Board,
+    /// Small checkerboards that stand still in each.
+    pub plates: usize,
 }
 
 /// What robots and hands hold.
@@ -59,10 +61,12 @@ impl Board {
 }
 
 /// The sizes by name, with their pictures and corners: `small` 250 and 10 000; `paper`, ten shots a stop, and `single`, one, 7500 and 480 000; `cell` 12 000 and
-/// 305 000; `moving`, with 5000 unknown board poses, 20 000 and 610 000; `hall`, 20 robots and 40 cameras, 100 000 and 2 760 000.
+/// 305 000; `moving`, with 5000 unknown board poses, 20 000 and 610 000; `hall`, 20 robots and 40 cameras, 100 000 and 2 760 000; `floor`, 50 robots,
+/// 100 cameras and 2000 plates that stand still, 4000.
 pub fn size(name: &str) -> Option<Size> {
     use Board::{Large, Small};
-    let of = |spaces, robots, cameras, stops, shots, board| Size { spaces, robots, cameras, stops, shots, board };
+    let of =
+        |spaces, robots, cameras, stops, shots, board| Size { spaces, robots, cameras, stops, shots, board, plates: 0 };
     Some(match name {
         "small" => of(1, 1, 1, 25, 10, Small),
         "paper" => of(1, 1, 3, 250, 10, Large),
@@ -70,11 +74,14 @@ pub fn size(name: &str) -> Option<Size> {
         "cell" => of(1, 3, 6, 2000, 1, Small),
         "moving" => of(1, 0, 4, 5000, 1, Small),
         "hall" => of(10, 2, 4, 2500, 1, Small),
+        "floor" => Size { plates: 40, ..of(50, 1, 2, 40, 1, Small) },
         _ => return None,
     })
 }
 
 const MIDDLE: [f64; 6] = [0.3, -1.6, 1.7, -1.7, -1.57, 0.2];
+/// Plates hang side by side, so many in a row.
+const PLATE_COLUMNS: usize = 7;
 /// How far the spaces are apart, m.
 const APART: f64 = 5.0;
 
@@ -86,6 +93,13 @@ fn pose_text(pose: &Pose) -> String {
 
 /// A problem of a size, with or without free lenses.
 pub fn problem(size: Size, refine: bool) -> Problem {
+    let (layout, board) = cell(size, refine);
+    let (recording, moving) = record(&layout, size, &board);
+    Problem { layout, recording, moving }
+}
+
+/// The layout, and where the first board is in the middle of its space.
+fn cell(size: Size, refine: bool) -> (Layout, Pose) {
     let paper = parse_layout(Path::new("paper.yaml"), &paper_size::truth(), None).expect("the layout is fine");
     let tree = FrameTree::new(&paper);
     let pose_of = |name: &str| {
@@ -145,57 +159,73 @@ pub fn problem(size: Size, refine: bool) -> Problem {
             pose_text(&pose_of("board"))
         );
     }
+    for space in 0..size.spaces {
+        for plate in 0..size.plates {
+            let (column, row) = (plate % PLATE_COLUMNS, plate / PLATE_COLUMNS);
+            let aside = Pose::from_translation(-0.06 + 0.034 * column as f64, -0.06 + 0.034 * row as f64, 0.01);
+            let pose = space_at(space) * board * aside;
+            text += &format!(
+                "  plate{space}_{plate}: {{checkerboard: {{corners: [4, 3], square: 6}}, pose: {{{}, start: true}}}}\n",
+                pose_text(&pose)
+            );
+        }
+    }
     text += "solve: {loss: squared, pixel_sigma: 0.1}\n";
     let layout = parse_layout(Path::new("layout.yaml"), &text, None).unwrap_or_else(|e| panic!("{e}\n{text}"));
-    let (recording, moving) = record(&layout, size, &board, &robots);
-    Problem { layout, recording, moving }
+    (layout, board)
 }
 
-fn record(layout: &Layout, size: Size, board: &Pose, robots: &[usize]) -> (Recording, BTreeMap<(usize, u64), Pose>) {
+/// Spaces are alike and see nothing of each other, so each is recorded as if it were alone.
+fn record(layout: &Layout, size: Size, board: &Pose) -> (Recording, BTreeMap<(usize, u64), Pose>) {
     let mut random = ChaCha8Rng::seed_from_u64(7500);
-    let mut joints: Vec<BTreeMap<u64, Vec<f64>>> = vec![BTreeMap::new(); robots.len()];
+    let mut joints: Vec<BTreeMap<u64, Vec<f64>>> = vec![BTreeMap::new(); size.spaces * size.robots];
     let mut moving = BTreeMap::new();
-    let mut id = 0;
+    let (alone, _) = cell(Size { spaces: 1, ..size }, false);
+    let mut rows = Vec::new();
     for space in 0..size.spaces {
-        for stop in 0..size.stops {
-            id += 1;
+        let ids: Vec<u64> = (1..=size.stops).map(|stop| space as u64 * size.stops + stop).collect();
+        let mut own: Vec<BTreeMap<u64, Vec<f64>>> = vec![BTreeMap::new(); size.robots];
+        for (stop, &id) in ids.iter().enumerate() {
             let mut stray = |reach: f64| random.random_range(-reach..reach);
             if size.robots == 0 {
                 let d: [f64; 6] = std::array::from_fn(|i| stray(if i < 3 { 0.1 } else { 0.4 }));
                 moving.insert((0, id), *board * Pose::exp(&Twist::from(d)));
             } else {
                 // They take turns.
-                let robot = space * size.robots + (stop as usize) % size.robots;
+                let robot = stop % size.robots;
                 let reach = if size.board == Board::Large { 0.45 } else { 0.35 };
                 let mut draw = || MIDDLE.iter().map(|q| q + stray(reach)).collect::<Vec<f64>>();
                 let mut place = draw();
-                while size.board == Board::Large && !in_full_view(layout, robot, &place) {
+                while size.board == Board::Large && !in_full_view(&alone, robot, &place) {
                     place = draw();
                 }
-                joints[robot].insert(id, place);
+                own[robot].insert(id, place);
             }
         }
+        let there =
+            Recording { motions: own.iter().cloned().map(RobotMotion::Joints).collect(), ..Recording::default() };
+        let mut one = Cell::new(&alone, &there);
+        one.disturbances = Disturbances { moving: moving.clone(), ..Disturbances::default() };
+        for shot in 0..size.shots {
+            let found = corners(&one, &ids, CornerNoise { pixel_sigma: 0.1, seed: 1 + shot });
+            rows.extend(found.into_iter().map(|mut row| {
+                row.shot = shot;
+                row.camera += space * size.cameras;
+                row.target = match row.target.checked_sub(size.robots).filter(|_| size.robots > 0) {
+                    Some(plate) => size.spaces * size.robots + space * size.plates + plate,
+                    None => space * size.robots + row.target,
+                };
+                row
+            }));
+        }
+        for (robot, own) in own.into_iter().enumerate() {
+            joints[space * size.robots + robot] = own;
+        }
     }
+    rows.sort_by(|a, b| a.key().cmp(&b.key()));
+    assert_eq!(joints.len(), layout.robots.len());
     let motions = joints.into_iter().map(RobotMotion::Joints).collect();
-    let mut recording = Recording { motions, ..Recording::default() };
-    let shadow = recording.clone();
-    let mut cell = Cell::new(layout, &shadow);
-    cell.disturbances = Disturbances { moving: moving.clone(), ..Disturbances::default() };
-    let ids: Vec<u64> = (1..=id).collect();
-    for shot in 0..size.shots {
-        let rows = corners(&cell, &ids, CornerNoise { pixel_sigma: 0.1, seed: 1 + shot });
-        recording.corners.extend(rows.into_iter().map(|mut row| {
-            row.shot = shot;
-            row
-        }));
-    }
-    // Spaces are far apart, but a camera's far view has no end: what a camera of another space sees of a board is left out.
-    recording.corners.retain(|row| {
-        let of_camera = row.camera / size.cameras;
-        size.robots == 0 || row.target / size.robots == of_camera
-    });
-    recording.corners.sort_by(|a, b| a.key().cmp(&b.key()));
-    (recording, moving)
+    (Recording { motions, corners: rows, ..Recording::default() }, moving)
 }
 
 /// Whether every camera sees every corner of what the only robot holds.
@@ -233,7 +263,7 @@ pub fn wrong_start(problem: &Problem, tree: &FrameTree, plan: &Plan) -> State {
     };
     State {
         static_poses: tree.static_edges.iter().enumerate().map(pose).collect(),
-        moving_poses: (0..tree.moving_edges.len()).map(moving).collect(),
+        moving_poses: (0..plan.moving_count()).map(moving).collect(),
         corrections: layout.robots.iter().map(|_| Vec::new()).collect(),
         lenses: layout
             .cameras

@@ -10,6 +10,7 @@ use super::{LayoutArguments, NOT_TRUSTWORTHY, use_threads};
 use cellmap::complaint::{Complaint, InputError};
 use cellmap::export::{Document, covariance, findings, solution};
 use cellmap::geometry::rotation;
+use cellmap::layout::SolverChoice;
 use cellmap::recording::{Recording, atomic};
 use cellmap::report::report_solved;
 use cellmap::workflow::between::{Between, between};
@@ -43,9 +44,20 @@ pub(super) struct Solve {
     /// Also write a report with figures (HTML)
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
+    /// Equations: auto, dense or sparse [default: auto]
+    #[arg(long, value_name = "HOW", value_enum, hide_possible_values = true)]
+    solver: Option<How>,
     /// Worker threads [default: one a core]; the result has the same bits for any number
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
+}
+
+/// The words of `--solver`.
+#[derive(clap::ValueEnum, Clone, Copy, Debug)]
+enum How {
+    Auto,
+    Dense,
+    Sparse,
 }
 
 impl Solve {
@@ -53,13 +65,26 @@ impl Solve {
         use_threads(self.threads);
         let layout = self.common.read()?;
         let out = self.out.clone().unwrap_or_else(|| layout.recording.join("solution.yaml"));
-        let request = SolveRequest { detections: self.detections.clone(), start: self.start.clone() };
+        let solver = match self.solver {
+            None | Some(How::Auto) => SolverChoice::Auto,
+            Some(How::Dense) => SolverChoice::Dense,
+            Some(How::Sparse) => SolverChoice::Sparse,
+        };
+        let request = SolveRequest { detections: self.detections.clone(), start: self.start.clone(), solver };
         let solved = solve(layout, &request)?;
         solution::write(&out, &solved).map_err(|e| {
             Complaint::of(&out, format!("the file cannot be written: {e}"), "say where else with `--out FILE`")
         })?;
         let between = self.between(&solved)?;
         if let Some(file) = &self.covariance {
+            if !solved.covariance.is_whole() {
+                return Err(Complaint::of(
+                    file,
+                    format!("the covariance of {} unknowns is not kept whole", solved.plan.unknowns.count),
+                    "ask for pairs of frames with `--between A B`, or use `--solver dense` if there is room",
+                )
+                .into());
+            }
             let text = covariance::document(&solved).to_json();
             let written = text.and_then(|text| atomic::write(file, |out| writeln!(out, "{text}")));
             written.map_err(|e| {
@@ -147,6 +172,17 @@ fn as_json(solved: &Solved, between: &[Between]) -> Document {
     entries.push(("weak".to_owned(), findings::weak(solved)));
     entries.push(("remarks".to_owned(), findings::remarks(solved)));
     entries.push(("scales".to_owned(), findings::scales(solved)));
+    let solver = solved.plan.solver();
+    entries.push((
+        "solver".to_owned(),
+        Document::map([
+            ("form", Document::text(solver.name())),
+            ("shared_unknowns", Document::Whole(solver.unknowns as u64)),
+            ("dense_multiplications", number(solver.dense_work())),
+            ("sparse_multiplications", solver.sparse_work.map_or(Document::Null, number)),
+            ("why", Document::text(solver.words())),
+        ]),
+    ));
     entries.push((
         "seconds".to_owned(),
         Document::map([
@@ -261,6 +297,9 @@ fn show(solved: &Solved) {
         s.covariance,
         s.total
     );
+    if solved.plan.solver().sparse_work.is_some() {
+        say!("{}", solved.plan.solver().words());
+    }
     for t in solved.tallies.iter().filter(|t| t.rejected > 0) {
         let of = t.accepted + t.rejected;
         say!("  of `{}` by `{}`: {} of {of} corners", t.target, t.camera, t.rejected);

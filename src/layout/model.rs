@@ -319,6 +319,20 @@ pub struct SolveSettings {
     pub pose_sigma: [f64; 2],
     /// Standard deviation of a touching distance, m.
     pub contact_sigma: f64,
+    /// How the equations are solved: no key of a layout, but an option of the program.
+    pub solver: SolverChoice,
+}
+
+/// How the shared equations are to be solved.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum SolverChoice {
+    /// By counted work.
+    #[default]
+    Auto,
+    /// As a full matrix.
+    Dense,
+    /// As a sparse one.
+    Sparse,
 }
 
 impl Default for SolveSettings {
@@ -329,6 +343,7 @@ impl Default for SolveSettings {
             point_sigma: 1e-3,
             pose_sigma: [3e-3, 0.01],
             contact_sigma: 1e-3,
+            solver: SolverChoice::Auto,
         }
     }
 }

@@ -252,6 +252,7 @@ fn read_solve(to: &Gathered<'_>, node: &Node, units: Units) -> Option<SolveSetti
         point_sigma: point_sigma?,
         pose_sigma: pose_sigma?,
         contact_sigma: contact_sigma?,
+        solver: defaults.solver,
     })
 }
 

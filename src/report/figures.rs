@@ -199,7 +199,7 @@ fn by_configuration(input: &ReportInput<'_>, sights: &[Sight]) -> Value {
 fn correlation(input: &ReportInput<'_>) -> Value {
     let s = input.solved;
     let (unknowns, matrix) = (&s.plan.unknowns, &s.covariance.matrix);
-    if !input.fresh || unknowns.count == 0 {
+    if !input.fresh || unknowns.count == 0 || !s.covariance.is_whole() {
         return Value::Null;
     }
     let sigma: Vec<f64> = (0..unknowns.count).map(|i| matrix[(i, i)].max(0.0).sqrt()).collect();

@@ -150,12 +150,11 @@ fn ellipsoids(input: &ReportInput<'_>) -> Vec<Value> {
         let covariance = match s.plan.unknowns.edge(index) {
             Some(block) => {
                 let block = &s.plan.unknowns.blocks[block];
-                if !matches!(block.kind, UnknownKind::Edge(_)) || s.covariance.matrix.ncols() < block.start + 3 {
+                if !matches!(block.kind, UnknownKind::Edge(_)) || s.covariance.units().len() < block.start + 3 {
                     continue;
                 }
                 // Of the child's right perturbation, in mm; the parent's axes are turned by the pose.
-                let own: Matrix3<f64> =
-                    s.covariance.matrix.fixed_view::<3, 3>(block.start, block.start).into_owned() * 1e-6;
+                let own: Matrix3<f64> = s.covariance.own(block.start, 3).fixed_view::<3, 3>(0, 0) * 1e-6;
                 let r = s.state.static_poses[index].rotation_matrix();
                 r * own * r.transpose()
             }

@@ -19,7 +19,7 @@ use super::plan::{Block, CompiledPath, Group, GroupKind, Plan};
 use super::prior::Priors;
 use super::robots::{RobotData, fill_segments, robot_data};
 use super::state::State;
-use super::unknowns::UnknownKind;
+use super::unknowns::{UnknownKind, Unknowns};
 use crate::geometry::{Intrinsics, LensModel, Pose};
 use crate::layout::Layout;
 use crate::recording::Recording;
@@ -93,7 +93,7 @@ impl<'a> Assembler<'a> {
             lens_models: layout.cameras.iter().map(|camera| model(&camera.intrinsics)).collect(),
             robots: robot_data(layout, recording, plan),
             priors,
-            shapes: plan.groups.iter().map(|group| shape(plan, group)).collect(),
+            shapes: plan.groups.iter().map(|group| shape(&plan.unknowns, group)).collect(),
             units: Vec::new(),
             bundles: Vec::new(),
             packed: Packed::default(),
@@ -187,7 +187,7 @@ impl<'a> Assembler<'a> {
             }
         });
         this.fill_bundles(state, &segments, &mut local);
-        normal.reset(this.plan.unknowns.count);
+        normal.reset(this.plan);
         for unit in &units {
             normal.add_upper(&this.shapes[unit.group].columns, &unit.matrix);
             normal.cost += unit.cost;
@@ -216,7 +216,13 @@ impl<'a> Assembler<'a> {
         let at = |edge: usize| {
             self.local_units().filter(move |unit| unit.edges.contains(&edge)).map(|unit| unit.configuration)
         };
-        (0..edges).map(|edge| at(edge).collect()).collect()
+        (0..edges)
+            .map(|edge| {
+                let mut all: Vec<usize> = at(edge).collect();
+                all.sort_unstable();
+                all
+            })
+            .collect()
     }
 
     /// The robust cost at `state`, and nothing else.
@@ -313,14 +319,14 @@ impl<'a> Assembler<'a> {
     }
 }
 
-fn shape(plan: &Plan, group: &Group) -> Shape {
+pub(super) fn shape(unknowns: &Unknowns, group: &Group) -> Shape {
     let (mut lens, mut shared) = (Vec::new(), group.compiled.shared.clone());
     if let GroupKind::Corners { camera } = group.kind
-        && let Some(block) = plan.unknowns.lens(camera)
-        && let UnknownKind::Lens { places, .. } = &plan.unknowns.blocks[block].kind
+        && let Some(block) = unknowns.lens(camera)
+        && let UnknownKind::Lens { places, .. } = &unknowns.blocks[block].kind
     {
         lens.clone_from(places);
-        shared.push((group.compiled.columns, plan.unknowns.blocks[block].start, places.len()));
+        shared.push((group.compiled.columns, unknowns.blocks[block].start, places.len()));
     }
     let width = group.compiled.columns + lens.len() + 1;
     let mut columns = vec![0; if group.compiled.moving.is_empty() { width - 1 } else { 0 }];

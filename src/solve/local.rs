@@ -6,6 +6,8 @@
 //! is a unit that keeps its local rows `[H_ll, H_ls, g_l]`; what is shared alone goes straight into the sums of a *bundle* of units. The
 //! Schur complement `S = H_ss - H_sl (H_ll + lambda D)^-1 H_ls` is formed in the same sums, and the local step follows from the shared one.
 
+use std::collections::BTreeSet;
+
 use super::assemble::{Assembler, Normal, Scratch, Shape};
 use super::plan::{Block, Group, Plan};
 use super::prior::pose_prior;
@@ -14,6 +16,8 @@ use crate::geometry::Pose;
 
 /// Units in a bundle: enough to make the sums worth folding, few enough to share out evenly.
 const BUNDLE: usize = 64;
+/// Shared columns of a bundle, unless one configuration alone touches more.
+const WIDEST: usize = 256;
 
 /// The blocks of one configuration whose paths cross a moving edge.
 #[derive(Clone, Debug)]
@@ -78,7 +82,27 @@ pub(super) fn bundles(assembler: &Assembler<'_>) -> Vec<Bundle> {
     }
     let mut units: Vec<LocalUnit> = units.into_iter().flatten().collect();
     units.iter_mut().for_each(|unit| unit.prepare(assembler));
-    units.chunks(BUNDLE).map(|units| Bundle::new(units.to_vec(), assembler)).collect()
+    if plan.unknowns.count > WIDEST {
+        // Like to like, so that a bundle's sums, which are dense, hold what its units touch and little else.
+        units.sort_by(|a, b| a.shared.cmp(&b.shared));
+    }
+    let mut bundles = Vec::new();
+    let mut rest = units.into_iter().peekable();
+    while let Some(first) = rest.next() {
+        let mut touched: BTreeSet<usize> = first.shared.iter().copied().collect();
+        let mut units = vec![first];
+        while units.len() < BUNDLE
+            && let Some(next) = rest.next_if(|next| {
+                let more = next.shared.iter().filter(|column| !touched.contains(column)).count();
+                more == 0 || touched.len() + more <= WIDEST
+            })
+        {
+            touched.extend(&next.shared);
+            units.push(next);
+        }
+        bundles.push(Bundle::new(units, assembler));
+    }
+    bundles
 }
 
 impl Bundle {

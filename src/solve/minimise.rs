@@ -9,8 +9,8 @@ use std::time::Instant;
 use rayon::prelude::*;
 
 use super::assemble::{Assembler, Normal};
-use super::dense::Dense;
 use super::state::State;
+use super::system::System;
 use super::unknowns::UnknownKind;
 use crate::frames::{FrameTree, Freedom};
 use crate::geometry::Pose;
@@ -150,7 +150,7 @@ pub fn minimise(assembler: &mut Assembler<'_>, tree: &FrameTree, state: &mut Sta
     }
     let scaling = frozen_scaling(&normal);
     let (mut lambda, mut growth) = (options.damping, 4.0);
-    let (mut step, mut trial) = (Step::new(n), state.clone());
+    let (mut step, mut trial) = (Step::new(assembler), state.clone());
     report.termination = loop {
         let start = Instant::now();
         let solved = step.solve(assembler, &normal, &scaling, lambda);
@@ -231,8 +231,7 @@ pub fn minimise(assembler: &mut Assembler<'_>, tree: &FrameTree, state: &mut Sta
 
 /// The diagonal at the start, kept away from zero so that a direction nobody measures is still held.
 fn frozen_scaling(normal: &Normal) -> Vec<f64> {
-    let n = normal.gradient.len();
-    let diagonal: Vec<f64> = (0..n).map(|i| normal.hessian[i * n + i]).collect();
+    let diagonal: Vec<f64> = (0..normal.gradient.len()).map(|i| normal.hessian[normal.diagonal_place(i)]).collect();
     let floor = diagonal.iter().copied().fold(0.0, f64::max) * 1e-12;
     diagonal.into_iter().map(|d| d.max(floor).max(f64::MIN_POSITIVE)).collect()
 }
@@ -242,20 +241,13 @@ struct Step {
     shared: Vec<f64>,
     /// The decrease of the cost that the linear model promises.
     predicted: f64,
-    matrix: Vec<f64>,
-    right: Vec<f64>,
-    dense: Dense,
+    system: System,
 }
 
 impl Step {
-    fn new(n: usize) -> Self {
-        Self {
-            shared: vec![0.0; n],
-            predicted: 0.0,
-            matrix: vec![0.0; n * n],
-            right: vec![0.0; n],
-            dense: Dense::new(n),
-        }
+    fn new(assembler: &Assembler<'_>) -> Self {
+        let equations = &assembler.plan.equations;
+        Self { shared: vec![0.0; equations.solver.unknowns], predicted: 0.0, system: System::new(equations) }
     }
 
     /// The largest component, counted in units; local unknowns are poses.
@@ -267,34 +259,14 @@ impl Step {
 
     /// Solves the damped equations; false if they are not positive definite at this damping or the solution does not satisfy them.
     fn solve(&mut self, assembler: &mut Assembler<'_>, normal: &Normal, scaling: &[f64], lambda: f64) -> bool {
-        let n = normal.gradient.len();
-        self.matrix.copy_from_slice(&normal.hessian);
-        self.right.iter_mut().zip(&normal.gradient).for_each(|(right, g)| *right = -g);
-        for (i, scale) in scaling.iter().enumerate() {
-            self.matrix[i * n + i] += lambda * scale;
-        }
+        self.system.load(normal, scaling, lambda);
         assembler.bundles.par_iter_mut().for_each(|bundle| bundle.eliminate(lambda));
         for bundle in &assembler.bundles {
             let Some(taken) = bundle.taken() else { return false };
-            let width = bundle.shared.len() + 1;
-            for (i, (&a, row)) in bundle.shared.iter().zip(taken.chunks_exact(width)).enumerate() {
-                self.right[a] += row[width - 1];
-                for (&b, value) in bundle.shared[i..].iter().zip(&row[i..]) {
-                    self.matrix[a * n + b] -= value;
-                }
-            }
+            self.system.take(&bundle.shared, taken);
         }
-        if !assembler.bundles.is_empty() {
-            for i in 1..n {
-                for j in 0..i {
-                    self.matrix[i * n + j] = self.matrix[j * n + i];
-                }
-            }
-        }
-        let Some(solution) = self.dense.solve(&self.matrix, &self.right) else { return false };
-        for (i, d) in self.shared.iter_mut().enumerate() {
-            *d = solution[(i, 0)];
-        }
+        let Some(solution) = self.system.solve() else { return false };
+        self.shared.copy_from_slice(solution);
         let shared = &self.shared;
         assembler.bundles.par_iter_mut().for_each(|bundle| {
             bundle.units.iter_mut().for_each(|unit| unit.back_substitute(shared));

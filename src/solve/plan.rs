@@ -7,6 +7,8 @@ use nalgebra::Vector3;
 use std::collections::HashMap;
 use thiserror::Error;
 
+use super::assemble::shape;
+use super::equations::{Equations, Solver};
 use super::gather::{Gathered, check_motion, gather, seen_unknowns};
 use super::unknowns::Unknowns;
 use crate::frames::{FrameId, FrameTree, Freedom, Path, Step};
@@ -171,6 +173,8 @@ pub struct Plan {
     pub segments: Vec<Segment>,
     /// The layout's `solve` section.
     pub settings: SolveSettings,
+    /// Whether the shared equations are dense or sparse.
+    pub(crate) equations: Equations,
 }
 
 /// A measurement that cannot be placed.
@@ -212,6 +216,7 @@ impl Plan {
             stops: stops(layout),
             segments: Vec::new(),
             settings: layout.solve,
+            equations: Equations::default(),
         };
         let mut known: HashMap<Segment, usize> = HashMap::new();
         let mut count = 0;
@@ -229,7 +234,15 @@ impl Plan {
             }
             plan.groups.push(Group { path, compiled, kind, blocks });
         }
+        let shapes: Vec<_> = plan.groups.iter().map(|group| shape(&plan.unknowns, group)).collect();
+        plan.equations = Equations::new(&plan.unknowns, &plan.groups, &shapes, layout.solve.solver);
         Ok(plan)
+    }
+
+    /// How the shared equations are solved, and why.
+    #[must_use]
+    pub fn solver(&self) -> Solver {
+        self.equations.solver
     }
 
     fn length(&self, kind: GroupKind) -> usize {

@@ -3,6 +3,7 @@
 use nalgebra::{Matrix6, Vector6};
 
 use super::assemble::Normal;
+use super::plan::Plan;
 use super::state::State;
 use super::unknowns::{UnknownKind, Unknowns};
 use crate::frames::FrameTree;
@@ -49,17 +50,17 @@ impl Priors {
         6 * self.poses.len() + self.links.len()
     }
 
-    /// The information of the beliefs alone, row-major over the shared columns.
+    /// The equations of the beliefs alone.
     #[must_use]
-    pub fn information(&self, columns: usize, state: &State) -> Vec<f64> {
-        let mut normal = Normal { hessian: vec![0.0; columns * columns], gradient: vec![0.0; columns], cost: 0.0 };
+    pub fn equations(&self, plan: &Plan, state: &State) -> Normal {
+        let mut normal = Normal::default();
+        normal.reset(plan);
         self.add(state, &mut normal);
-        normal.hessian
+        normal
     }
 
     /// Adds the beliefs to the equations.
     pub(super) fn add(&self, state: &State, normal: &mut Normal) {
-        let n = normal.gradient.len();
         for (edge, start, expected, sigma) in &self.poses {
             let pose = &state.static_poses[*edge];
             let (residual, jacobian) = pose_prior(expected, pose, sigma);
@@ -67,7 +68,7 @@ impl Priors {
             for i in 0..6 {
                 normal.gradient[start + i] += gradient[i];
                 for j in 0..6 {
-                    normal.hessian[(start + i) * n + start + j] += hessian[(i, j)];
+                    normal.add(start + i, start + j, hessian[(i, j)]);
                 }
             }
             normal.cost += 0.5 * residual.norm_squared();
@@ -75,7 +76,7 @@ impl Priors {
         for (robot, place, column, sigma) in &self.links {
             let value = state.corrections[*robot][*place] / sigma;
             normal.gradient[*column] += value / sigma;
-            normal.hessian[column * n + column] += 1.0 / (sigma * sigma);
+            normal.add(*column, *column, 1.0 / (sigma * sigma));
             normal.cost += 0.5 * value * value;
         }
     }

@@ -4,11 +4,14 @@
 //! read: the standard deviation along an eigenvector is one over the root of its eigenvalue, in those units.
 
 use nalgebra::DMatrix;
+use std::sync::Arc;
 
+use super::large::{Judged, Large, judge};
 use super::sandwich::{Sandwich, sandwich};
+use super::undetermined::WEAK;
 use crate::frames::{FrameTree, Freedom};
 use crate::solve::terms::Terms;
-use crate::solve::{Plan, State, Unknown, UnknownKind};
+use crate::solve::{Normal, Plan, State, Unknown, UnknownKind};
 
 /// A direction counts as undetermined when its standard deviation exceeds this many units (50 mm, 50 mrad, 50 px): no measurement of a cell is that bad.
 pub const UNDETERMINED: f64 = 50.0;
@@ -29,9 +32,9 @@ pub enum Source {
 /// The uncertainty of the shared unknowns.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Covariance {
-    /// From the information matrix, in units, of the determined part; `n x n`.
+    /// From the information matrix, in units, of the determined part; `n x n`, or empty where the equations are sparse ([`Covariance::is_whole`]).
     pub matrix: DMatrix<f64>,
-    /// The cluster-robust one beside it.
+    /// The cluster-robust one beside it; the same holds for its matrices.
     pub clusters: Sandwich,
     /// The undetermined directions: eigenvectors in units (columns), weakest first.
     pub open: Vec<Vec<f64>>,
@@ -40,14 +43,23 @@ pub struct Covariance {
     /// What the standard deviations have been scaled by: the fitted noise against the layout's.
     pub noise: f64,
     units: Vec<f64>,
+    large: Option<Arc<Large>>,
 }
 
-/// The covariance from the terms of the measurements and the information of the priors (row-major, natural units). The measurements' is scaled
+/// The covariance from the terms of the measurements and the equations of the priors. The measurements' is scaled
 /// by the fitted `noise`, the priors' is not. Directions are judged by the fitted noise or the layout's own, whichever is larger, so
 /// that perfect data does not hide an open one.
 #[must_use]
-pub fn covariance(plan: &Plan, terms: &Terms, believed: &[f64], noise: f64) -> Covariance {
+pub fn covariance(plan: &Plan, terms: &Terms, believed: &Normal, noise: f64) -> Covariance {
     let n = plan.unknowns.count;
+    if let Some(symbolic) = believed.symbolic() {
+        let Judged { large, open, open_sigma, scatter: [configurations, corners] } =
+            judge(plan, symbolic, terms, believed, noise);
+        let clusters = Sandwich { configurations, corners, ..Sandwich::default() };
+        let (units, large) = (plan.unknowns.units(), Some(Arc::new(large)));
+        return Covariance { clusters, open, open_sigma, noise, units, large, ..Covariance::default() };
+    }
+    let believed = &believed.hessian;
     let mut result = from_information(plan, &terms.information(n), believed, noise);
     // Where nothing at all is known the gradients may not even be numbers.
     result.clusters = if result.open.len() < n {
@@ -117,7 +129,40 @@ impl Covariance {
     #[must_use]
     pub fn of(&self, jacobian: &DMatrix<f64>) -> [DMatrix<f64>; 3] {
         let scaled = self.scaled(jacobian);
+        if let Some(large) = &self.large {
+            return large.of(&scaled);
+        }
         [&self.matrix, &self.clusters.matrix, &self.clusters.shown].map(|matrix| &scaled * matrix * scaled.transpose())
+    }
+
+    /// Whether the whole matrices are kept; of large cells only what single unknowns need, and what [`Covariance::of`] finds when it is asked.
+    #[must_use]
+    pub fn is_whole(&self) -> bool {
+        self.large.is_none()
+    }
+
+    /// From the information, in units: the part of neighbouring columns of one block of unknowns.
+    #[must_use]
+    pub fn own(&self, start: usize, count: usize) -> DMatrix<f64> {
+        self.variances(Source::Information, start, count)[0].clone()
+    }
+
+    /// The directions that are determined, but to more than [`super::undetermined::WEAK`] units only, weakest first, with their standard deviations.
+    #[must_use]
+    pub fn weak(&self) -> (Vec<Vec<f64>>, Vec<f64>) {
+        if let Some(large) = &self.large {
+            return large.weak.iter().cloned().unzip();
+        }
+        // The largest eigenvalue is at most the trace: a well determined cell stops here.
+        if self.matrix.trace() < WEAK * WEAK {
+            return (Vec::new(), Vec::new());
+        }
+        let eigen = self.matrix.clone().symmetric_eigen();
+        let mut order: Vec<usize> =
+            (0..eigen.eigenvalues.len()).filter(|i| eigen.eigenvalues[*i] > WEAK * WEAK).collect();
+        order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
+        let vectors = order.iter().map(|&i| eigen.eigenvectors.column(i).iter().copied().collect()).collect();
+        (vectors, order.iter().map(|&i| eigen.eigenvalues[i].sqrt()).collect())
     }
 
     /// Of which rows of a linear function less than `share` lies along undetermined directions.
@@ -141,15 +186,16 @@ impl Covariance {
         let r = state.static_poses[edge].rotation_matrix();
         let rotated = |m: &DMatrix<f64>| -> [f64; 6] {
             let turned = |at: usize| (r * m.fixed_view::<3, 3>(at, at) * r.transpose()).diagonal();
-            let translation = turned(block.start);
+            let translation = turned(0);
             if tree.static_edges[edge].freedom == Freedom::Translation {
                 return [translation.x, translation.y, translation.z, 0.0, 0.0, 0.0];
             }
-            let rotation = turned(block.start + 3);
+            let rotation = turned(3);
             [translation.x, translation.y, translation.z, rotation.x, rotation.y, rotation.z]
         };
-        let open = rotated(&self.open_matrix());
-        let variances = self.variances(source).map(&rotated);
+        let (start, count) = (block.start, block.count());
+        let open = rotated(&self.open_matrix(start, count));
+        let variances = self.variances(source, start, count).map(|matrix| rotated(&matrix));
         let larger = |i: usize| variances.iter().fold(0.0, |most: f64, v| most.max(v[i]));
         std::array::from_fn(|i| (open[i] <= SHARE).then(|| larger(i).sqrt() * 1e-3))
     }
@@ -158,22 +204,28 @@ impl Covariance {
     #[must_use]
     pub fn column_sigma(&self, column: usize, source: Source) -> Option<f64> {
         let open: f64 = self.open.iter().map(|v| v[column] * v[column]).sum();
-        let variances = self.variances(source).map(|matrix| matrix[(column, column)]);
+        let variances = self.variances(source, column, 1).map(|matrix| matrix[(0, 0)]);
         (open <= SHARE).then(|| variances.into_iter().fold(0.0, f64::max).sqrt() * self.units[column])
     }
 
-    /// The matrices whose larger variance counts.
-    fn variances(&self, source: Source) -> [&DMatrix<f64>; 2] {
-        match source {
-            Source::Information => [&self.matrix; 2],
-            Source::Clusters => [&self.clusters.matrix; 2],
-            Source::Both => [&self.matrix, &self.clusters.shown],
-        }
+    /// The matrices whose larger variance counts, for neighbouring columns of one block.
+    fn variances(&self, source: Source, start: usize, count: usize) -> [DMatrix<f64>; 2] {
+        let which = match source {
+            Source::Information => [0, 0],
+            Source::Clusters => [1, 1],
+            Source::Both => [0, 2],
+        };
+        which.map(|which| match &self.large {
+            Some(large) => large.own(which, start, count),
+            None => {
+                let matrix = [&self.matrix, &self.clusters.matrix, &self.clusters.shown][which];
+                matrix.view((start, start), (count, count)).into_owned()
+            }
+        })
     }
 
-    /// The projection onto the undetermined directions.
-    fn open_matrix(&self) -> DMatrix<f64> {
-        let n = self.matrix.ncols();
-        DMatrix::from_fn(n, n, |i, j| self.open.iter().map(|v| v[i] * v[j]).sum())
+    /// The projection onto the undetermined directions, of neighbouring columns.
+    fn open_matrix(&self, start: usize, count: usize) -> DMatrix<f64> {
+        DMatrix::from_fn(count, count, |i, j| self.open.iter().map(|v| v[start + i] * v[start + j]).sum())
     }
 }

@@ -51,7 +51,7 @@ pub(super) fn terms(evidence: &Evidence<'_>) -> Option<(Vec<Term>, Vec<Added>)> 
         return None;
     }
     let mut added: Vec<Added> = Vec::new();
-    let mut work: Vec<Work<'_>> = Vec::new();
+    let mut work: BTreeMap<u64, Vec<Work<'_>>> = BTreeMap::new();
     for (index, (group, poses)) in plan.groups.iter().zip(evidence.poses).enumerate() {
         let column = matches!(group.kind, GroupKind::Corners { .. } | GroupKind::Poses).then(|| {
             let column = plan.unknowns.count + added.len();
@@ -62,18 +62,17 @@ pub(super) fn terms(evidence: &Evidence<'_>) -> Option<(Vec<Term>, Vec<Added>)> 
         let still = group.path.is_static();
         for (block, pose) in group.blocks.iter().zip(poses) {
             let cluster = if still { 1 << 40 | index as u64 } else { block.configuration as u64 };
-            work.push((group, block, pose, cluster, [column, focal]));
+            work.entry(cluster).or_default().push((group, block, pose, [column, focal]));
         }
     }
-    let parts: Vec<(u64, Part)> = work
-        .par_iter()
-        .filter_map(|(group, block, pose, cluster, column)| {
-            Some((*cluster, part(evidence, group, block, pose, *column)?))
-        })
-        .collect();
-    let mut clusters: BTreeMap<u64, Vec<Part>> = BTreeMap::new();
-    parts.into_iter().for_each(|(cluster, part)| clusters.entry(cluster).or_default().push(part));
-    Some((clusters.into_values().map(|parts| gathered(&parts)).collect(), added))
+    // Cluster by cluster, so that the parts of all blocks never stand side by side.
+    let clusters: Vec<Vec<Work<'_>>> = work.into_values().collect();
+    let one = |work: &Vec<Work<'_>>| {
+        let part = |(group, block, pose, added): &Work<'_>| part(evidence, group, block, pose, *added);
+        let parts: Vec<Part> = work.iter().filter_map(part).collect();
+        (!parts.is_empty()).then(|| gathered(&parts))
+    };
+    Some((clusters.par_iter().filter_map(one).collect(), added))
 }
 
 /// The column of a camera's focal length, unless that is sought anyway.
@@ -91,8 +90,8 @@ fn focal_column(evidence: &Evidence<'_>, group: &Group, added: &mut Vec<Added>) 
     }))
 }
 
-/// A block, where it is seen, its cluster, and its added columns (distance, focal length).
-type Work<'a> = (&'a Group, &'a Block, &'a Pose, u64, [Option<usize>; 2]);
+/// A block, where it is seen, and its added columns (distance, focal length).
+type Work<'a> = (&'a Group, &'a Block, &'a Pose, [Option<usize>; 2]);
 
 /// A block over its own columns, residual last.
 struct Part {

@@ -1,12 +1,15 @@
 //! How far an answer can be trusted: residuals, standard deviations, and the directions that nothing determines.
 
 pub mod between;
+mod bordered;
 pub mod changes;
 pub mod covariance;
 pub mod culprits;
 pub mod fault;
 mod flipped;
 mod influence;
+mod inverse;
+mod large;
 mod lines;
 pub mod outliers;
 pub mod residuals;
@@ -19,6 +22,7 @@ mod span;
 pub mod structure;
 pub mod systematic;
 pub mod undetermined;
+mod weakest;
 
 pub use covariance::{Covariance, Source, covariance};
 pub use fault::{Action, Fault, FaultKind};

@@ -75,18 +75,13 @@ struct Adjusted {
 #[must_use]
 pub fn sandwich(covariance: &Covariance, terms: &Terms, believed: &[f64]) -> Sandwich {
     let n = covariance.matrix.ncols();
-    let units = covariance.units();
-    let weight = weight(covariance);
+    let (units, weight) = (covariance.units(), weight(covariance.noise));
     let symmetric = |i: usize, j: usize| 0.5 * (believed[i * n + j] + believed[j * n + i]) * units[i] * units[j];
     let mut meat = DMatrix::from_fn(n, n, symmetric);
     let mut shown = meat.clone();
     let mut scatter = |terms: &[Term]| {
-        let adjusted: Vec<Adjusted> = terms.par_iter().map(|term| adjusted(covariance, term)).collect();
-        let mut sum = Scatter { groups: terms.len(), ..Scatter::default() };
-        sum.found = adjusted.iter().map(|a| a.found).sum();
-        sum.expected = adjusted.iter().map(|a| a.expected).sum();
-        sum.spread = adjusted.iter().map(|a| a.variance).sum::<f64>().sqrt();
-        for (term, Adjusted { gradient, .. }) in terms.iter().zip(&adjusted) {
+        let (sum, gradients) = adjust(terms, units, covariance.noise, &|i, j| covariance.matrix[(i, j)]);
+        for (term, gradient) in terms.iter().zip(&gradients) {
             for (i, &a) in term.columns.iter().enumerate() {
                 for (j, &b) in term.columns.iter().enumerate() {
                     let product = gradient[i] * gradient[j];
@@ -103,15 +98,33 @@ pub fn sandwich(covariance: &Covariance, terms: &Terms, believed: &[f64]) -> San
     Sandwich { matrix: around(meat), shown: around(shown), configurations, corners }
 }
 
-/// What the layout's weights are multiplied by to be those of the fitted noise.
-fn weight(covariance: &Covariance) -> f64 {
-    1.0 / covariance.noise.max(1e-9).powi(2)
+/// How the gradients of terms scatter, and the gradients as the jackknife sees them (in units). `entry` gives those of the covariance (in units) at which columns of one
+/// term meet.
+pub(super) fn adjust(
+    terms: &[Term],
+    units: &[f64],
+    noise: f64,
+    entry: &(dyn Fn(usize, usize) -> f64 + Sync),
+) -> (Scatter, Vec<DVector<f64>>) {
+    let all: Vec<Adjusted> = terms.par_iter().map(|term| adjusted(term, units, weight(noise), entry)).collect();
+    let sum = Scatter {
+        groups: terms.len(),
+        found: all.iter().map(|a| a.found).sum(),
+        expected: all.iter().map(|a| a.expected).sum(),
+        spread: all.iter().map(|a| a.variance).sum::<f64>().sqrt(),
+    };
+    (sum, all.into_iter().map(|a| a.gradient).collect())
 }
 
-fn adjusted(covariance: &Covariance, term: &Term) -> Adjusted {
-    let (k, units, weight) = (term.columns.len(), covariance.units(), weight(covariance));
+/// What the layout's weights are multiplied by to be those of the fitted noise.
+fn weight(noise: f64) -> f64 {
+    1.0 / noise.max(1e-9).powi(2)
+}
+
+fn adjusted(term: &Term, units: &[f64], weight: f64, entry: &(dyn Fn(usize, usize) -> f64 + Sync)) -> Adjusted {
+    let k = term.columns.len();
     let unit = |i: usize| units[term.columns[i]];
-    let own = DMatrix::from_fn(k, k, |i, j| covariance.matrix[(term.columns[i], term.columns[j])]);
+    let own = DMatrix::from_fn(k, k, |i, j| entry(term.columns[i], term.columns[j]));
     let information = DMatrix::from_fn(k, k, |i, j| term.information[(i, j)] * unit(i) * unit(j) * weight);
     let gradient = DVector::from_fn(k, |i, _| term.gradient[i] * unit(i) * weight);
     let [halfway, whole] = undone(&information, &own, &gradient);

@@ -6,14 +6,17 @@
 //! configurations (the sandwich of H. White, *A heteroskedasticity-consistent covariance matrix estimator*, Econometrica 48, 1980, with one score for each
 //! cluster of measurements).
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DVector;
+use rayon::prelude::*;
 use std::collections::BTreeMap;
 
+use super::bordered::{Placed, Solver};
 use super::influence::{Added, Term, terms};
 use super::systematic::{Factor, Remark};
 use super::undetermined::Evidence;
 use crate::complaint::list;
 use crate::frames::FrameId;
+use crate::solve::{Normal, Plan};
 
 /// What a factor acts on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -48,14 +51,13 @@ const LARGE: f64 = 0.002;
 const INTERVAL: f64 = 1.96;
 
 /// The factors on all distances, on each camera's and on each target's. Empty where nothing else tells how long anything is. `believed` is the
-/// information of the priors (row-major, shared columns), `noise` the fitted noise.
+/// information of the priors, `noise` the fitted noise.
 ///
 /// Costs about one linearisation. Targets that move by themselves or touch have unknowns of their own and are not judged.
 #[must_use]
-pub fn scales(evidence: &Evidence<'_>, believed: &[f64], noise: f64) -> Vec<Scale> {
+pub fn scales(evidence: &Evidence<'_>, believed: &Normal, noise: f64) -> Vec<Scale> {
     let Some((terms, columns)) = terms(evidence).filter(|(_, columns)| !columns.is_empty()) else { return Vec::new() };
-    let shared = evidence.plan.unknowns.count;
-    let prior = DMatrix::from_row_slice(shared, shared, believed) * (noise * noise);
+    let problem = Problem { plan: evidence.plan, terms: &terms, believed, weight: noise * noise };
     let name = |frame: FrameId| evidence.tree.frames[frame].name.clone();
     let distances: Vec<Added> = columns.iter().filter(|column| column.kind == ScaleKind::Distances).copied().collect();
     let whole = vec![(None, distances.clone())];
@@ -64,22 +66,31 @@ pub fn scales(evidence: &Evidence<'_>, believed: &[f64], noise: f64) -> Vec<Scal
         columns.iter().for_each(|column| groups.entry(of(column)).or_default().push(*column));
         groups.into_iter().map(|(frame, columns)| (Some(name(frame)), columns)).collect::<Vec<_>>()
     };
-    let mut all = fit(&terms, &prior, &whole);
+    let mut all = fit(&problem, &whole);
     // Of a camera with corners its focal length is doubted, of one that measures poses its distances.
     let focal = |from: FrameId| columns.iter().any(|column| column.kind == ScaleKind::Focal && column.from == from);
     let cameras: Vec<Added> =
         columns.iter().filter(|c| c.kind == ScaleKind::Focal || !focal(c.from)).copied().collect();
     for groups in [by(&cameras, &|column| column.from), by(&distances, &|column| column.to)] {
         if groups.len() > 1 {
-            all.extend(fit(&terms, &prior, &groups));
+            all.extend(fit(&problem, &groups));
         }
     }
     all
 }
 
+/// What is fitted.
+struct Problem<'a> {
+    plan: &'a Plan,
+    terms: &'a [Term],
+    believed: &'a Normal,
+    /// What the priors' information is multiplied by.
+    weight: f64,
+}
+
 /// Fits one factor for each group of columns, all of them together with everything else.
-fn fit(terms: &[Term], prior: &DMatrix<f64>, groups: &[(Option<String>, Vec<Added>)]) -> Vec<Scale> {
-    let shared = prior.nrows();
+fn fit(problem: &Problem<'_>, groups: &[(Option<String>, Vec<Added>)]) -> Vec<Scale> {
+    let (terms, shared) = (problem.terms, problem.plan.unknowns.count);
     let count = shared + groups.len();
     // Where each column of the plan goes.
     let mut place: BTreeMap<usize, usize> = (0..shared).map(|i| (i, i)).collect();
@@ -88,44 +99,39 @@ fn fit(terms: &[Term], prior: &DMatrix<f64>, groups: &[(Option<String>, Vec<Adde
             place.insert(column.column, shared + i);
         });
     }
-    let mut information = DMatrix::zeros(count, count);
-    information.view_mut((0, 0), (shared, shared)).copy_from(prior);
+    let places =
+        |term: &Term| -> Vec<Option<usize>> { term.columns.iter().map(|column| place.get(column).copied()).collect() };
     let mut gradient = DVector::zeros(count);
     for term in terms {
-        let at: Vec<Option<usize>> = term.columns.iter().map(|column| place.get(column).copied()).collect();
-        for (i, a) in at.iter().enumerate() {
-            let Some(a) = *a else { continue };
-            gradient[a] += term.gradient[i];
-            for (j, b) in at.iter().enumerate() {
-                if let Some(b) = *b {
-                    information[(a, b)] += term.information[(i, j)];
-                }
+        for (a, value) in places(term).into_iter().zip(term.gradient.iter()) {
+            if let Some(a) = a {
+                gradient[a] += value;
             }
         }
     }
-    // Unit diagonal before the factorisation: the columns carry metres, radians, pixels and factors.
-    let scale: Vec<f64> = (0..count).map(|i| 1.0 / information[(i, i)].max(f64::MIN_POSITIVE).sqrt()).collect();
-    let scaled = DMatrix::from_fn(count, count, |i, j| information[(i, j)] * scale[i] * scale[j]);
-    let Some(factor) = scaled.cholesky() else { return Vec::new() };
-    let solve = |right: &DVector<f64>| {
-        let right = DVector::from_fn(count, |i, _| right[i] * scale[i]);
-        let solution = factor.solve(&right);
-        DVector::from_fn(count, |i, _| solution[i] * scale[i])
+    let added: Vec<Placed<'_>> = terms.iter().map(|term| (places(term), &term.information)).collect();
+    let Some(solver) = Solver::new(problem.plan, &added, problem.believed, problem.weight, count) else {
+        return Vec::new();
     };
-    let step = -solve(&gradient);
+    let step = -solver.solve(&gradient);
     let clusters = terms.len() as f64;
+    // Scores after the step, so that the factor itself is no scatter.
+    let after: Vec<DVector<f64>> = terms
+        .iter()
+        .zip(&added)
+        .map(|(term, (at, _))| {
+            let taken = DVector::from_iterator(at.len(), at.iter().map(|a| a.map_or(0.0, |a| step[a])));
+            &term.gradient + &term.information * taken
+        })
+        .collect();
     let one = |(i, (of, columns)): (usize, &(Option<String>, Vec<Added>))| {
         let mut unit = DVector::zeros(count);
         unit[shared + i] = 1.0;
-        let influence = solve(&unit);
-        // Scores after the step, so that the factor itself is no scatter.
-        let score = |term: &Term| {
-            let at: Vec<Option<usize>> = term.columns.iter().map(|column| place.get(column).copied()).collect();
-            let taken = DVector::from_iterator(at.len(), at.iter().map(|a| a.map_or(0.0, |a| step[a])));
-            let after = &term.gradient + &term.information * taken;
+        let influence = solver.solve(&unit);
+        let score = |((at, _), after): (&Placed<'_>, &DVector<f64>)| {
             at.iter().zip(after.iter()).map(|(a, g)| a.map_or(0.0, |a| influence[a] * g)).sum::<f64>()
         };
-        let squares: f64 = terms.iter().map(|term| score(term).powi(2)).sum();
+        let squares: f64 = added.iter().zip(&after).map(|pair| score(pair).powi(2)).sum();
         let sigma = (squares * clusters / (clusters - 1.0)).sqrt();
         // What the information alone allows: clusters that agree by chance are no proof.
         let honest = sigma.is_finite() && sigma < KNOWN && influence[shared + i].sqrt() < KNOWN;
@@ -134,7 +140,7 @@ fn fit(terms: &[Term], prior: &DMatrix<f64>, groups: &[(Option<String>, Vec<Adde
     if (clusters as usize) < CLUSTERS {
         return Vec::new();
     }
-    groups.iter().enumerate().filter_map(one).collect()
+    groups.par_iter().enumerate().filter_map(one).collect()
 }
 
 /// Factors that are significant and large enough to matter, in words.

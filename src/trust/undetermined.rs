@@ -83,16 +83,7 @@ pub fn explain(
         })
         .collect();
     open.extend(words(evidence, Span::new(&covariance.open, &covariance.open_sigma), false));
-    // The largest eigenvalue is at most the trace: a well determined cell stops here.
-    if covariance.matrix.trace() < WEAK * WEAK {
-        return (open, Vec::new());
-    }
-    let eigen = covariance.matrix.clone().symmetric_eigen();
-    let mut order: Vec<usize> = (0..eigen.eigenvalues.len()).filter(|i| eigen.eigenvalues[*i] > WEAK * WEAK).collect();
-    order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
-    let vectors: Vec<Vec<f64>> =
-        order.iter().map(|&i| eigen.eigenvectors.column(i).iter().copied().collect()).collect();
-    let sigmas: Vec<f64> = order.iter().map(|&i| eigen.eigenvalues[i].sqrt()).collect();
+    let (vectors, sigmas) = covariance.weak();
     (open, words(evidence, Span::new(&vectors, &sigmas), true))
 }
 

@@ -6,6 +6,7 @@ use super::repair::rescaled;
 use super::solve::{Solved, solve_plain};
 use crate::geometry::Pose;
 use crate::recording::Recording;
+use crate::solve::Normal;
 use crate::trust::systematic::{Factor, systematic};
 use crate::trust::{Covariance, Evidence, Remark, Residuals, Scale, scale_remarks, scales};
 
@@ -34,7 +35,7 @@ pub(super) fn follow_up(
     evidence: &Evidence<'_>,
     residuals: &Residuals,
     covariance: &Covariance,
-    believed: &[f64],
+    believed: &Normal,
 ) -> (Vec<Scale>, Vec<Remark>) {
     if !covariance.open.is_empty() {
         return (Vec::new(), Vec::new());

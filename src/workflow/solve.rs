@@ -11,7 +11,7 @@ use crate::complaint::{Complaint, InputError};
 use crate::frames::{FrameId, FrameTree, Pieces, pieces};
 use crate::geometry::Pose;
 use crate::initialise::{Start, initialise};
-use crate::layout::{Layout, LossSetting, Motion, read_layout};
+use crate::layout::{Layout, LossSetting, Motion, SolverChoice, read_layout};
 use crate::recording::Recording;
 use crate::solve::{Assembler, Loss, Options, Plan, PlanError, Priors, Report, State, minimise};
 use crate::trust::outliers::{Rejected, Tally, reject_unseen, tally};
@@ -32,6 +32,8 @@ pub struct SolveRequest {
     pub detections: Option<PathBuf>,
     /// A layout or solution whose poses are the start.
     pub start: Option<PathBuf>,
+    /// Whether the equations are dense or sparse.
+    pub solver: SolverChoice,
 }
 
 /// Wall time of the stages, seconds.
@@ -184,8 +186,9 @@ impl Solved {
 ///
 /// # Errors
 /// Input that cannot be used: faults of the recording, a cell in pieces, nothing to start from.
-pub fn solve(layout: Layout, request: &SolveRequest) -> Result<Solved, InputError> {
+pub fn solve(mut layout: Layout, request: &SolveRequest) -> Result<Solved, InputError> {
     let began = Instant::now();
+    layout.solve.solver = request.solver;
     let recording = Recording::read(&layout, request.detections.as_deref())?;
     let start = match &request.start {
         Some(file) => start_poses(file, &layout.world)?,
@@ -288,7 +291,7 @@ pub(super) fn solve_plain(
     let observations = scalars + prior_count;
     let freedom = scalars.saturating_sub(unknowns.saturating_sub(prior_count));
     let noise = if freedom == 0 { 1.0 } else { ((residuals.weighted_sum + terms.stops) / freedom as f64).sqrt() };
-    let believed = priors.information(plan.unknowns.count, &state);
+    let believed = priors.equations(&plan, &state);
     let covariance = covariance(&plan, &terms, &believed, noise);
     let evidence = Evidence { layout: &layout, tree: &tree, recording, plan: &plan, state: &state, poses: &poses };
     let (undetermined, weak) = explain(&evidence, &covariance, &unseen);
