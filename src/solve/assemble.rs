@@ -64,6 +64,8 @@ pub(super) struct Scratch {
 pub struct Assembler<'a> {
     pub(super) plan: &'a Plan,
     loss: Loss,
+    /// What linearisations weigh by in the place of the loss.
+    guide: Option<Loss>,
     curved: bool,
     arch: Arch,
     pub(super) lens_models: Vec<LensModel>,
@@ -88,6 +90,7 @@ impl<'a> Assembler<'a> {
         let mut assembler = Self {
             plan,
             loss: plan.settings.loss.into(),
+            guide: None,
             curved: false,
             arch: Arch::new(),
             lens_models: layout.cameras.iter().map(|camera| model(&camera.intrinsics)).collect(),
@@ -110,6 +113,16 @@ impl<'a> Assembler<'a> {
     /// Sets the loss, for a first pass that is more forgiving than the layout asks for.
     pub fn set_loss(&mut self, loss: Loss) {
         self.loss = loss;
+    }
+
+    /// The loss in force.
+    pub(super) fn loss(&self) -> Loss {
+        self.loss
+    }
+
+    /// Lets linearisations from now on weigh by another loss than the one whose cost counts; then the cost that they give is that loss' too.
+    pub(super) fn set_guide(&mut self, guide: Option<Loss>) {
+        self.guide = guide;
     }
 
     /// Whether linearisations from now on take in the curvature of the loss beside its weights: quicker near a minimum, slower far from it.
@@ -270,17 +283,15 @@ impl<'a> Assembler<'a> {
     fn condense(&self, group: &Group, block: &Block, pose: &Pose, state: &State, free: bool, out: &mut Condensed) {
         let (m, s) = (&self.plan.measurements, &self.plan.settings);
         let range = block.start..block.end;
+        let robust = (self.guide.unwrap_or(self.loss), self.curved);
         match group.kind {
-            GroupKind::Corners { camera } => self.view(camera, block, pose, state).condense(self.arch, free, out),
-            GroupKind::Poses => {
-                kernels::condense_poses(&m.poses[range], pose, s.pose_sigma, (self.loss, self.curved), out)
+            GroupKind::Corners { camera } => {
+                let view = View { loss: robust.0, ..self.view(camera, block, pose, state) };
+                view.condense(self.arch, free, out);
             }
-            GroupKind::Points => {
-                kernels::condense_points(&m.points[range], pose, s.point_sigma, (self.loss, self.curved), out)
-            }
-            GroupKind::Contacts => {
-                kernels::condense_contacts(&m.contacts[range], pose, s.contact_sigma, (self.loss, self.curved), out)
-            }
+            GroupKind::Poses => kernels::condense_poses(&m.poses[range], pose, s.pose_sigma, robust, out),
+            GroupKind::Points => kernels::condense_points(&m.points[range], pose, s.point_sigma, robust, out),
+            GroupKind::Contacts => kernels::condense_contacts(&m.contacts[range], pose, s.contact_sigma, robust, out),
         }
     }
 

@@ -8,7 +8,9 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
+use super::approach::approach;
 use super::assemble::{Assembler, Normal};
+use super::loss::Loss;
 use super::state::State;
 use super::system::System;
 use super::unknowns::UnknownKind;
@@ -114,7 +116,7 @@ const HEAVY: f64 = 1e-2;
 const ROUNDING: f64 = 1e-4;
 
 /// A step that leaves more than this share of the cost has arrived near the minimum.
-const NEAR: f64 = 0.8;
+pub(super) const NEAR: f64 = 0.8;
 
 /// Minimises the robust cost from `state`, in place.
 pub fn minimise(assembler: &mut Assembler<'_>, tree: &FrameTree, state: &mut State, options: &Options) -> Report {
@@ -128,11 +130,16 @@ pub fn minimise(assembler: &mut Assembler<'_>, tree: &FrameTree, state: &mut Sta
         seconds.linearise += start.elapsed().as_secs_f64();
     };
     assembler.set_curved(false);
-    linearise(assembler, state, &mut normal, &mut seconds);
-    let mut cost = normal.cost;
+    let robust = matches!(assembler.loss(), Loss::Huber(_));
+    let mut cost = if robust {
+        assembler.cost(state)
+    } else {
+        linearise(assembler, state, &mut normal, &mut seconds);
+        normal.cost
+    };
     let mut report = Report {
         termination: Termination::IterationLimit,
-        iterations: 1,
+        iterations: usize::from(!robust),
         initial_cost: cost,
         final_cost: cost,
         refused: 0,
@@ -148,9 +155,15 @@ pub fn minimise(assembler: &mut Assembler<'_>, tree: &FrameTree, state: &mut Sta
         report.termination = Termination::NoUnknowns;
         return report;
     }
+    let (mut step, mut trial) = (Step::new(assembler), state.clone());
+    if robust {
+        let room = (&mut step, &mut trial, &mut normal);
+        cost = approach(assembler, tree, state, options, room, (&mut report, &mut seconds));
+        linearise(assembler, state, &mut normal, &mut seconds);
+        report.iterations += 1;
+    }
     let scaling = frozen_scaling(&normal);
     let (mut lambda, mut growth) = (options.damping, 4.0);
-    let (mut step, mut trial) = (Step::new(assembler), state.clone());
     report.termination = loop {
         let start = Instant::now();
         let solved = step.solve(assembler, &normal, &scaling, lambda);
@@ -230,14 +243,14 @@ pub fn minimise(assembler: &mut Assembler<'_>, tree: &FrameTree, state: &mut Sta
 }
 
 /// The diagonal at the start, kept away from zero so that a direction nobody measures is still held.
-fn frozen_scaling(normal: &Normal) -> Vec<f64> {
+pub(super) fn frozen_scaling(normal: &Normal) -> Vec<f64> {
     let diagonal: Vec<f64> = (0..normal.gradient.len()).map(|i| normal.hessian[normal.diagonal_place(i)]).collect();
     let floor = diagonal.iter().copied().fold(0.0, f64::max) * 1e-12;
     diagonal.into_iter().map(|d| d.max(floor).max(f64::MIN_POSITIVE)).collect()
 }
 
 /// A step of all unknowns, and room to find it. The local steps stand in the assembler's units.
-struct Step {
+pub(super) struct Step {
     shared: Vec<f64>,
     /// The decrease of the cost that the linear model promises.
     predicted: f64,
@@ -258,7 +271,13 @@ impl Step {
     }
 
     /// Solves the damped equations; false if they are not positive definite at this damping or the solution does not satisfy them.
-    fn solve(&mut self, assembler: &mut Assembler<'_>, normal: &Normal, scaling: &[f64], lambda: f64) -> bool {
+    pub(super) fn solve(
+        &mut self,
+        assembler: &mut Assembler<'_>,
+        normal: &Normal,
+        scaling: &[f64],
+        lambda: f64,
+    ) -> bool {
         self.system.load(normal, scaling, lambda);
         assembler.bundles.par_iter_mut().for_each(|bundle| bundle.eliminate(lambda));
         for bundle in &assembler.bundles {
@@ -286,7 +305,7 @@ impl Step {
     }
 
     /// Puts the state after the step into `next`.
-    fn apply(&self, assembler: &Assembler<'_>, tree: &FrameTree, state: &State, next: &mut State) {
+    pub(super) fn apply(&self, assembler: &Assembler<'_>, tree: &FrameTree, state: &State, next: &mut State) {
         next.copy_from(state);
         for block in &assembler.plan.unknowns.blocks {
             let d = &self.shared[block.start..block.start + block.count()];

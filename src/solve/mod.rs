@@ -8,6 +8,7 @@
 //! The layout and the recording are compiled once ([`Plan`]); the loop that follows knows only indices. The same bits come out on any
 //! number of threads: work is cut by data, results are folded in the order of the data.
 
+mod approach;
 pub mod assemble;
 mod chain;
 mod corners;
