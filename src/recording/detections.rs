@@ -246,6 +246,20 @@ targets:
         }
     }
 
+    #[test]
+    fn the_digest_is_of_the_bytes_that_were_read() {
+        let layout = crate::layout::parse_layout(Path::new("layout.yaml"), LAYOUT, None).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("detections.csv");
+        let text = format!("{}\n1,0,left,board,,1,1,2\n", COLUMNS.join(","));
+        std::fs::write(&path, &text).unwrap();
+        let (rows, digest) = read_and_digest(&path, &layout).unwrap();
+        assert_eq!((rows.len(), digest), (1, Some(Sha256::digest(text.as_bytes()).into())));
+        // The careful reader opens the file again: what it read is for others to hash.
+        std::fs::write(&path, text.replace("left", "\"left\"")).unwrap();
+        assert_eq!(read_and_digest(&path, &layout).unwrap(), (rows, None));
+    }
+
     proptest::proptest! {
         /// A good file with a piece taken out, doubled, put in or cut off: what the quick reader takes, the careful one reads the same.
         #[test]

@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::detections::{COLUMNS, COVARIANCE, CornerRow, feature_of};
 use crate::geometry::{Feature, TargetGeometry};
-use crate::layout::Layout;
+use crate::layout::{Layout, Target};
 
 /// Bytes in which one task looks for lines.
 const PIECE: usize = 1 << 18;
@@ -39,7 +39,7 @@ pub(super) fn read(bytes: &[u8], layout: &Layout) -> Option<Vec<CornerRow>> {
     let header_end = memchr::memchr(b'\n', bytes)? + 1;
     let columns = columns(&bytes[..header_end])?;
     let starts = starts(bytes, header_end);
-    let reader = Reader { layout, bytes, columns: &columns };
+    let reader = Reader::new(layout, bytes, &columns);
     let odd = AtomicBool::new(false);
     let read = |last: &mut Last, start: &usize| {
         let row = if odd.load(Ordering::Relaxed) { None } else { reader.row(*start, last) };
@@ -127,6 +127,11 @@ struct Reader<'a> {
     layout: &'a Layout,
     bytes: &'a [u8],
     columns: &'a [Column],
+    /// Names that stand for themselves in a file; none for one that needs quotes.
+    cameras: Vec<Option<&'a [u8]>>,
+    targets: Vec<Option<&'a [u8]>>,
+    /// How many corners each target has if it is a board.
+    boards: Vec<u64>,
 }
 
 /// What was found on the line before: most likely the same again.
@@ -138,7 +143,27 @@ struct Last {
     tag: Option<(usize, u32)>,
 }
 
-impl Reader<'_> {
+impl<'a> Reader<'a> {
+    fn new(layout: &'a Layout, bytes: &'a [u8], columns: &'a [Column]) -> Self {
+        let name = |name: &'a String| {
+            let alone = plain(name) && !name.contains([',', '\n']);
+            alone.then_some(name.as_bytes())
+        };
+        let corners = |target: &Target| match target.geometry {
+            TargetGeometry::Board { columns, rows, .. } => columns as u64 * rows as u64,
+            _ => 0,
+        };
+        Self {
+            layout,
+            bytes,
+            columns,
+            // A camera without a lens has no corners.
+            cameras: layout.cameras.iter().map(|c| c.intrinsics.as_ref().and_then(|_| name(&c.name))).collect(),
+            targets: layout.targets.iter().map(|target| name(&target.name)).collect(),
+            boards: layout.targets.iter().map(corners).collect(),
+        }
+    }
+
     /// The line that begins at `at`.
     fn row(&self, mut at: usize, last: &mut Last) -> Option<CornerRow> {
         let mut row = BLANK;
@@ -154,16 +179,8 @@ impl Reader<'_> {
                 Column::Configuration => whole(rest, &mut row.configuration)?,
                 Column::Shot => whole(rest, &mut row.shot)?,
                 Column::Corner => whole(rest, &mut corner)?,
-                Column::Camera => {
-                    let cameras = &self.layout.cameras;
-                    row.camera = one_of(rest, last.camera, cameras.len(), |i| &cameras[i].name)?;
-                    cameras[row.camera].name.len()
-                }
-                Column::Target => {
-                    let targets = &self.layout.targets;
-                    row.target = one_of(rest, last.target, targets.len(), |i| &targets[i].name)?;
-                    targets[row.target].name.len()
-                }
+                Column::Camera => one_of(rest, &self.cameras, last.camera, &mut row.camera)?,
+                Column::Target => one_of(rest, &self.targets, last.target, &mut row.target)?,
                 Column::Tag => {
                     tag = &rest[..cell(rest)];
                     tag.len()
@@ -191,13 +208,15 @@ impl Reader<'_> {
             (3, [suu, suv, svv]) if suu > 0.0 && svv > 0.0 && suu * svv - suv * suv > 0.0 => Some(covariance),
             _ => return None,
         };
-        self.layout.cameras[row.camera].intrinsics.as_ref()?;
         row.feature = self.feature(row.target, tag, corner, last)?;
         (last.camera, last.target) = (row.camera, row.target);
         Some(row)
     }
 
     fn feature(&self, target: usize, tag: &[u8], corner: u64, last: &mut Last) -> Option<Feature> {
+        if tag.is_empty() && corner < self.boards[target] {
+            return Some(Feature::BoardCorner(u32::try_from(corner).ok()?));
+        }
         let geometry = &self.layout.targets[target].geometry;
         let mut id = 0;
         if let TargetGeometry::Tags(_) = geometry
@@ -222,8 +241,13 @@ fn plain(text: &str) -> bool {
 }
 
 /// Whether a cell ends at a place.
+#[inline]
 fn ends(rest: &[u8], at: usize) -> bool {
-    matches!(rest.get(at..), None | Some([] | [b',' | b'\n', ..] | [b'\r', b'\n', ..] | [b'\r']))
+    match rest.get(at) {
+        None | Some(b',' | b'\n') => true,
+        Some(b'\r') => matches!(rest.get(at + 1), None | Some(b'\n')),
+        Some(_) => false,
+    }
 }
 
 /// The length of a cell that may hold anything.
@@ -233,16 +257,23 @@ fn cell(rest: &[u8]) -> usize {
     if at_end_of_line && rest[..length].ends_with(b"\r") { length - 1 } else { length }
 }
 
-/// The place of the name that a cell holds.
-fn one_of<'a>(rest: &[u8], likely: usize, count: usize, name: impl Fn(usize) -> &'a String) -> Option<usize> {
-    let is = |i: &usize| {
-        let name = name(*i);
-        rest.starts_with(name.as_bytes()) && ends(rest, name.len()) && plain(name) && !name.contains([',', '\n'])
+/// The place of the name that a cell holds, most likely the same as before; the cell's length.
+#[inline]
+fn one_of(rest: &[u8], names: &[Option<&[u8]>], likely: usize, place: &mut usize) -> Option<usize> {
+    let length = |name: &Option<&[u8]>| {
+        let name = (*name)?;
+        (rest.starts_with(name) && ends(rest, name.len())).then_some(name.len())
     };
-    Some(likely).filter(|i| *i < count).filter(is).or_else(|| (0..count).find(is))
+    let found = match names.get(likely).and_then(length) {
+        Some(length) => (likely, length),
+        None => names.iter().enumerate().find_map(|(place, name)| Some((place, length(name)?)))?,
+    };
+    *place = found.0;
+    Some(found.1)
 }
 
 /// A whole number in a cell of its own; its length.
+#[inline]
 fn whole(rest: &[u8], value: &mut u64) -> Option<usize> {
     let (length, found) = digits(rest);
     *value = found;
@@ -250,6 +281,7 @@ fn whole(rest: &[u8], value: &mut u64) -> Option<usize> {
 }
 
 /// How many digits there are, and their value if they are at most nineteen.
+#[inline]
 fn digits(rest: &[u8]) -> (usize, u64) {
     let (mut length, mut value) = (0, 0u64);
     while let Some(byte @ b'0'..=b'9') = rest.get(length) {

@@ -112,6 +112,19 @@ pub struct Measurements {
     pub contacts: Vec<Option<Contact>>,
 }
 
+impl Measurements {
+    /// Empty, with room for so many corners: growing would hold up to twice as much, and for a moment three times.
+    fn with_room(corners: usize) -> Self {
+        Self {
+            corner_points: Vec::with_capacity(corners),
+            corner_pixels: Vec::with_capacity(corners),
+            corner_whiteners: Vec::with_capacity(corners),
+            corner_rows: Vec::with_capacity(corners),
+            ..Self::default()
+        }
+    }
+}
+
 /// What kind of measurement a group holds; ranges of its blocks point into the arrays of that kind.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum GroupKind {
@@ -210,7 +223,7 @@ impl Plan {
         let mut plan = Self {
             configurations,
             groups: Vec::new(),
-            measurements: Measurements::default(),
+            measurements: Measurements::with_room(recording.corners.len()),
             unknowns,
             moving_edges: tree.moving_edges.len(),
             stops: stops(layout),
