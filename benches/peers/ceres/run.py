@@ -5,7 +5,8 @@
 
 Builds both (cargo; g++ with Debian's libceres-dev), writes each problem once, runs everybody in turn from the same start, and checks that all reach the same
 cost (1e-8 relative) and the same poses (1e-9 m). Ceres has two threads and the best of its linear solvers: the first round tries all that suit the size, later
-ones repeat the quickest. Each figure is the median of its rounds; what takes longer than --long is not repeated.
+ones repeat the quickest. Each figure is the median of its rounds; what takes longer than --long is not repeated. On a machine with other work the
+processor's time says more than the wall's.
 
 Sizes (see `benches/support/sizes.rs`): small, paper (ten shots at each stop), single (one shot at each stop, so that cellmap cannot fold any), cell, moving, hall.
 """
@@ -63,12 +64,14 @@ def main():
     arguments.add_argument("--rounds", type=int, default=3)
     arguments.add_argument("--long", type=float, default=20.0, help="runs that take more seconds than this are not repeated")
     arguments.add_argument("--through", default="", help="a command put before each run, such as `taskset -c 0,1`")
+    arguments.add_argument("--cellmap", help="the example `solver_peer`, built before")
     arguments.add_argument("--lens", choices=["fixed", "free", "both"], default="both")
     arguments.add_argument("sizes", nargs="*", default=["small", "paper", "single", "cell", "moving"])
     wanted = arguments.parse_args()
     target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
-    subprocess.run(["cargo", "build", "--release", "--quiet", "--example", "solver_peer"], cwd=ROOT, check=True)
-    ours = target / "release/examples/solver_peer"
+    if not wanted.cellmap:
+        subprocess.run(["cargo", "build", "--release", "--quiet", "--example", "solver_peer"], cwd=ROOT, check=True)
+    ours = wanted.cellmap or target / "release/examples/solver_peer"
     with tempfile.TemporaryDirectory() as folder:
         folder = Path(folder)
         theirs = folder / "solve"
@@ -79,8 +82,8 @@ def main():
         cpu = next((l.split(":")[1].strip() for l in open("/proc/cpuinfo") if l.startswith("model name")), "?")
         print(f"{cpu}, {os.cpu_count()} cores, {platform.system()} {platform.release()}, {time.strftime('%Y-%m-%d')}, "
               f"load {os.getloadavg()[0]:.1f}\n")
-        print("| size | lenses | who | rounds | solve s | build s | iterations | times cellmap | peak MB | cost against cellmap's | poses apart m |")
-        print("|---|---|---|---|---|---|---|---|---|---|---|")
+        print("| size | lenses | who | rounds | solve s | processor s | build s | iterations | times cellmap: wall | processor | peak MB | cost against cellmap's | poses apart m |")
+        print("|---|---|---|---|---|---|---|---|---|---|---|---|---|")
         good = True
         for size in wanted.sizes:
             for lens in ["fixed", "free"] if wanted.lens == "both" else [wanted.lens]:
@@ -110,18 +113,19 @@ def compare(size, lens, wanted, folder, ours, theirs):
                 best[way] = min(usable, key=lambda key: found[key][0]["seconds"])
     for key, results in found.items():
         if "cost" not in results[0]:
-            print(f"| {size} | {lens} | {key[0]} {key[1]} | 1 | {results[0]['words']} | | | | | | |")
+            print(f"| {size} | {lens} | {key[0]} {key[1]} | 1 | {results[0]['words']} | | | | | | | | |")
     good = True
     own = found[("cellmap", "")]
-    base = statistics.median(r["seconds"] for r in own)
+    base, processor_base = (statistics.median(r[what] for r in own) for what in ["seconds", "processor_seconds"])
     for key in best.values():
         results = found[key]
         cost = max(abs(one["cost"] - own[-1]["cost"]) / own[-1]["cost"] for one in results)
         apart = farthest(folder / "cellmap", runs[key][-1])
         good &= cost < 1e-8 and apart < 1e-9
-        seconds, build, peak = (statistics.median(r.get(what, 0.0) for r in results) for what in ["seconds", "build_seconds", "peak_mb"])
-        print(f"| {size} | {lens} | {' '.join(key).strip()} | {len(results)} | {seconds:.4f} | {build:.3f} | {results[-1]['iterations']} | "
-              f"{seconds / base:.1f} | {peak:.0f} | {cost:.1e} | {apart:.1e} |", flush=True)
+        what = ["seconds", "processor_seconds", "build_seconds", "peak_mb"]
+        seconds, processor, build, peak = (statistics.median(r.get(one, 0.0) for r in results) for one in what)
+        print(f"| {size} | {lens} | {' '.join(key).strip()} | {len(results)} | {seconds:.4f} | {processor:.4f} | {build:.3f} | {results[-1]['iterations']} | "
+              f"{seconds / base:.1f} | {processor / processor_base:.1f} | {peak:.0f} | {cost:.1e} | {apart:.1e} |", flush=True)
     return good
 
 
