@@ -65,10 +65,8 @@ fn with_outliers(recording: &mut Recording, every: usize) {
     }
 }
 
-/// Linearisations at most, from 50 mm and 3 degrees off and from the closed form.
+/// Linearisations at most, under either loss, from 50 mm and 3 degrees off and from the closed form.
 const MOST: usize = 8;
-/// The same where lenses are free and the loss is Huber's: with thirty pictures a camera they slide along a valley of lens and mount for a while.
-const MOST_IN_VALLEYS: usize = 15;
 
 #[test]
 fn the_benchmark_cells_take_few_linearisations_and_end_at_the_minimum() {
@@ -80,16 +78,15 @@ fn the_benchmark_cells_take_few_linearisations_and_end_at_the_minimum() {
         let mut plan = Plan::new(&layout, &tree, &recording).unwrap();
         let start = initialise(&layout, &tree, &recording, &mut plan, &[]).unwrap().state;
         for loss in [Loss::Squared, Loss::Huber(1.5)] {
-            for begin in [start.clone(), displaced(&tree, &start, 0.05, 3.0, 1), displaced(&tree, &start, 0.05, 3.0, 2)]
-            {
+            let wrong = (1..=6).map(|seed| displaced(&tree, &start, 0.05, 3.0, seed));
+            for begin in std::iter::once(start.clone()).chain(wrong) {
                 let mut assembler = Assembler::new(&layout, &recording, &plan, Priors::new(&tree, &plan.unknowns));
                 assembler.set_loss(loss);
                 let mut state = begin;
                 let report = minimise(&mut assembler, &tree, &mut state, &Options::default());
                 check(&report);
                 assert!(report.termination.converged(), "{loss:?}: {report:?}");
-                let most = if refine && loss != Loss::Squared { MOST_IN_VALLEYS } else { MOST };
-                assert!(report.iterations <= most, "{refine} {shots} {loss:?}: {report:?}");
+                assert!(report.iterations <= MOST, "{refine} {shots} {loss:?}: {report:?}");
                 // Going on from there with no regard to what is worth it moves nothing by a nanometre or ten nanoradians.
                 let mut further = state.clone();
                 let more = Options { step: 1e-12, decrease: 0.0, ..Options::default() };

@@ -3,21 +3,22 @@
 //! There the loss is nearly a sum of distances. Its weights fall with the distance and it has next to no curvature along the residuals, so steps that it
 //! steers are short of the mark. Residuals of a wrong start say much the same in every picture, though, and least squares finds its way from there in
 //! a few steps. So the first steps follow a loss that bends further out, at twice the residuals' mean distance, which still holds back what lies beyond, as long as
-//! they lower the true cost well.
+//! they lower the true cost well. Each that does is a reason to damp less, here and in the search that follows: where lens and mount can hardly be told
+//! apart, damping is what would keep it from the minimum.
 
 use std::time::Instant;
 
 use super::assemble::{Assembler, Normal};
 use super::loss::Loss;
-use super::minimise::{NEAR, Options, Report, Seconds, Step, frozen_scaling};
+use super::minimise::{EASED, NEAR, Options, Report, Seconds, Step, frozen_scaling};
 use super::state::State;
 use crate::frames::FrameTree;
 
 /// A mean distance of the residuals beyond this many times the loss' bend is far from the minimum.
 const FAR: f64 = 3.0;
 
-/// Takes such steps from `state`, in place, while the cost is high and each lowers it by a fifth; returns the cost. `room` is overwritten: a step, a state of the same
-/// size, and equations.
+/// Takes such steps from `state`, in place, while the cost is high and each lowers it by a fifth; returns the cost and the damping to go on with.
+/// `room` is overwritten: a step, a state of the same size, and equations.
 pub(super) fn approach(
     assembler: &mut Assembler<'_>,
     tree: &FrameTree,
@@ -25,7 +26,8 @@ pub(super) fn approach(
     options: &Options,
     (step, trial, normal): (&mut Step, &mut State, &mut Normal),
     (report, seconds): (&mut Report, &mut Seconds),
-) -> f64 {
+) -> (f64, f64) {
+    let mut damping = options.damping;
     let count = assembler.plan.scalar_count();
     let mut cost = report.initial_cost;
     // One linearisation is left for the search itself.
@@ -39,7 +41,7 @@ pub(super) fn approach(
         report.iterations += 1;
         seconds.linearise += start.elapsed().as_secs_f64();
         let start = Instant::now();
-        let solved = step.solve(assembler, normal, &frozen_scaling(normal), options.damping);
+        let solved = step.solve(assembler, normal, &frozen_scaling(normal), damping);
         seconds.factorise += start.elapsed().as_secs_f64();
         if !solved {
             report.refused += 1;
@@ -55,9 +57,10 @@ pub(super) fn approach(
         }
         std::mem::swap(state, trial);
         cost = trial_cost;
+        damping *= EASED;
         report.costs.push(cost);
     }
-    cost
+    (cost, damping)
 }
 
 /// The loss to steer by at a cost of `count` numbers, or none where most residuals lie near the loss' own bend.

@@ -115,6 +115,9 @@ const HEAVY: f64 = 1e-2;
 /// An undamped step this small (units) is rounding.
 const ROUNDING: f64 = 1e-4;
 
+/// The damping's factor after a step that did what was promised.
+pub(super) const EASED: f64 = 0.02;
+
 /// A step that leaves more than this share of the cost has arrived near the minimum.
 pub(super) const NEAR: f64 = 0.8;
 
@@ -156,14 +159,14 @@ pub fn minimise(assembler: &mut Assembler<'_>, tree: &FrameTree, state: &mut Sta
         return report;
     }
     let (mut step, mut trial) = (Step::new(assembler), state.clone());
+    let (mut lambda, mut growth) = (options.damping, 4.0);
     if robust {
         let room = (&mut step, &mut trial, &mut normal);
-        cost = approach(assembler, tree, state, options, room, (&mut report, &mut seconds));
+        (cost, lambda) = approach(assembler, tree, state, options, room, (&mut report, &mut seconds));
         linearise(assembler, state, &mut normal, &mut seconds);
         report.iterations += 1;
     }
     let scaling = frozen_scaling(&normal);
-    let (mut lambda, mut growth) = (options.damping, 4.0);
     report.termination = loop {
         let start = Instant::now();
         let solved = step.solve(assembler, &normal, &scaling, lambda);
@@ -213,7 +216,7 @@ pub fn minimise(assembler: &mut Assembler<'_>, tree: &FrameTree, state: &mut Sta
             report.costs.push(cost);
             growth = 4.0;
             lambda *= if gain > 0.9 {
-                0.02
+                EASED
             } else if gain > 0.5 {
                 0.2
             } else if gain > 0.25 {
