@@ -19,8 +19,8 @@ pub(super) fn find(
     let family = get_predefined_dictionary_i32(family)?;
     let mut parameters = DetectorParameters::default()?;
     usual_parameters!(parameters, CornerRefineMethod::CORNER_REFINE_NONE);
-    // Two tags side by side are not one tag twice until they nearly coincide. Much less than this and a tag's cells keep it from being found (16h5, tag 0).
-    parameters.set_min_marker_distance_rate(0.05);
+    // Two tags side by side are not one tag twice until they nearly coincide. At 0.05 and below a tag's cells can keep it from being found (16h5, 7x7).
+    parameters.set_min_marker_distance_rate(0.1);
     let detector = ArucoDetector::new(&family, &parameters, RefineParameters::new(10.0, 3.0, true)?)?;
     let (mut ids, mut corners, mut rejected) = (Vector::new(), Vector::new(), Vector::<Vector<Point2f>>::new());
     detector.detect_markers(picture, &mut corners, &mut ids, &mut rejected)?;
