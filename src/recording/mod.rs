@@ -5,6 +5,7 @@
 //! [`atomic`]: a file appears whole or not at all.
 
 pub mod atomic;
+mod cells;
 pub mod detections;
 pub mod motion;
 mod swift;
