@@ -4,12 +4,13 @@
 //! need, a second one the blocks of single unknowns of all three matrices.
 
 use faer::Mat;
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use super::covariance::UNDETERMINED;
+use super::form::{Columns, Vectors};
 use super::inverse::Inverse;
 use super::sandwich::{Scatter, adjust};
 use super::undetermined::WEAK;
@@ -19,7 +20,7 @@ use crate::solve::{Normal, Pattern, Plan, Symbolic};
 
 /// Gradients of one kind of cluster, or its information where they show nothing in common.
 struct Kind {
-    gradients: Vec<(Vec<usize>, DVector<f64>)>,
+    gradients: Vectors,
     /// On the pattern, in units.
     information: Vec<f64>,
     scatter: Scatter,
@@ -115,8 +116,9 @@ pub(super) fn judge(plan: &Plan, symbolic: &Arc<Symbolic>, terms: &Terms, believ
     let entry = |i: usize, j: usize| pairs.place(i, j).map_or(0.0, |place| entries[place]);
     let kinds = [&terms.configurations, &terms.corners].into_iter().zip(measured).map(|(terms, information)| {
         let (scatter, gradients) = adjust(terms, &units, noise, &entry);
-        let gradients = terms.iter().zip(gradients).map(|(term, g)| (term.columns.clone(), g)).collect();
-        Kind { gradients, information: information.iter().map(|x| x * weight).collect(), scatter }
+        let mut vectors = Vectors::default();
+        terms.iter().zip(&gradients).for_each(|(term, gradient)| vectors.push(&term.columns, gradient.iter()));
+        Kind { gradients: vectors, information: information.iter().map(|x| x * weight).collect(), scatter }
     });
     large.kinds = kinds.collect();
     let scatter = [large.kinds[0].scatter, large.kinds[1].scatter];
@@ -210,40 +212,26 @@ impl Large {
     fn blocks(&self, plan: &Plan) -> Vec<[DMatrix<f64>; 3]> {
         self.each(plan, |start, count, columns| {
             let own = DMatrix::from_fn(count, count, |i, j| columns[(start + i, j)]);
-            let [clusters, shown] = self.around(columns);
+            let [clusters, shown] = self.around(columns, &own);
             [own, clusters, shown]
         })
     }
 
-    /// `X^T M X` for the scatter of all clusters, and for that of kinds that show an error in common; `X` are columns of the covariance.
-    fn around(&self, columns: &Mat<f64>) -> [DMatrix<f64>; 2] {
-        let (n, count) = (columns.nrows(), columns.ncols());
-        let sparse = |values: &[f64]| {
-            let mut product = Mat::zeros(n, count);
-            for j in 0..count {
-                let (x, out) = (columns.col_as_slice(j), product.col_as_slice_mut(j));
-                self.symbolic.pattern.multiply(values, 1.0, x, out);
-            }
-            let product = columns.transpose() * product;
-            DMatrix::from_fn(count, count, |i, j| 0.5 * (product[(i, j)] + product[(j, i)]))
-        };
-        let mut clusters = sparse(&self.believed);
-        let mut shown = clusters.clone();
-        for kind in &self.kinds {
-            let mut sum = DMatrix::zeros(count, count);
-            for (places, gradient) in &kind.gradients {
-                let along = DVector::from_fn(count, |j, _| {
-                    places.iter().zip(gradient.iter()).map(|(place, g)| columns[(*place, j)] * g).sum()
-                });
-                sum.ger(1.0, &along, &along, 1.0);
-            }
-            if kind.scatter.shown() {
-                shown += &sum;
-            } else {
-                shown += sparse(&kind.information);
-            }
-            clusters += sum;
+    /// `X^T M X` for the scatter of all clusters, and for that of kinds that show an error in common; `X` are columns of the covariance, `own` the rows of them
+    /// that they belong to.
+    fn around(&self, columns: &Mat<f64>, own: &DMatrix<f64>) -> [DMatrix<f64>; 2] {
+        let rows = Columns::new(columns);
+        let pattern = &self.symbolic.pattern;
+        let believed = rows.around(pattern, &self.believed);
+        let scatters: Vec<DMatrix<f64>> = self.kinds.iter().map(|kind| rows.scatter(&kind.gradients)).collect();
+        let clusters = scatters.iter().fold(believed.clone(), |sum, scatter| sum + scatter);
+        if !self.kinds.iter().any(|kind| kind.scatter.shown()) {
+            // What all are believed to say together is what the covariance is the inverse of.
+            return [clusters, own.clone()];
         }
+        let shown = self.kinds.iter().zip(scatters).fold(believed, |sum, (kind, scatter)| {
+            sum + if kind.scatter.shown() { scatter } else { rows.around(pattern, &kind.information) }
+        });
         [clusters, shown]
     }
 
@@ -254,7 +242,7 @@ impl Large {
         let Some(inverse) = &self.inverse else { return std::array::from_fn(|_| DMatrix::zeros(rows, rows)) };
         let columns = inverse.apply(&right, &mut inverse.room(rows));
         let own = DMatrix::from_fn(rows, rows, |i, j| (0..n).map(|k| jacobian[(i, k)] * columns[(k, j)]).sum());
-        let [clusters, shown] = self.around(&columns);
+        let [clusters, shown] = self.around(&columns, &own);
         [own, clusters, shown]
     }
 

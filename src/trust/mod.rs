@@ -7,6 +7,7 @@ pub mod covariance;
 pub mod culprits;
 pub mod fault;
 mod flipped;
+mod form;
 mod influence;
 mod inverse;
 mod large;
