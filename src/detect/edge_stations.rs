@@ -15,9 +15,9 @@
 //! Eight stations are worked on at once, each in its own lane of a wide register: that is what makes the measuring of a tag
 //! cost some forty microseconds. All numbers are single precision; rounding is a thousandth of what noise leaves.
 
-use pulp::{Arch, Scalar, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
-use super::wide::{LANES, Lanes, Wide, lanes, normal, store};
+use super::wide::{LANES, Lanes, Wide, dispatch, lanes, normal, store};
 
 /// A distance that no gate lets in.
 const FAR: f32 = 1e3;
@@ -177,7 +177,7 @@ impl Stations {
         let bounds = bounds.map(|bound| bound as f32);
         let Profile { blur, tone } = expected;
         let fit = Fit { stations: self, blur: blur as f32, tone: tone as f32, bounds, widest: widest as f32, sweeps };
-        f64::from(Arch::new().dispatch(fit))
+        f64::from(dispatch(fit))
     }
 
     /// What was found, a step a station; stations without a rise outwards are left out.
@@ -209,10 +209,6 @@ impl WithSimd for Fit<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> f32 {
-        // Registers wider than a group would hold nothing of it.
-        if S::F32_LANES > LANES {
-            return self.with_simd(Scalar);
-        }
         let Self { stations, mut blur, tone, bounds, widest, sweeps } = self;
         for sweep in 0..sweeps {
             let (mut gradient, mut curvature) = (0.0, 0.0);

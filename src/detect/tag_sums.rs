@@ -2,11 +2,11 @@
 //!
 //! Single precision throughout; sums are kept lane by lane, so that they are the same bits on every machine.
 
-use pulp::{Arch, Scalar, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
 use super::blurred_cells::{Edges, Marks, Places};
 use super::tag_pixels::{Group, Pixels};
-use super::wide::{LANES, Lanes, Wide, lanes, store};
+use super::wide::{LANES, Lanes, Wide, dispatch, lanes, store};
 
 /// Numbers that are fitted: eight of the map, three of the blur, four of the light, one of the tone.
 pub(super) const UNKNOWNS: usize = 16;
@@ -39,7 +39,7 @@ impl Model<'_> {
     pub fn sums(&self, pixels: &Pixels, residuals: &mut Vec<Lanes>) -> Sums {
         residuals.clear();
         residuals.resize(pixels.groups.len(), [0.0; LANES]);
-        Arch::new().dispatch(Pass { model: self, groups: &pixels.groups, residuals })
+        dispatch(Pass { model: self, groups: &pixels.groups, residuals })
     }
 }
 
@@ -56,10 +56,6 @@ impl WithSimd for Pass<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Sums {
-        // Registers wider than a group would hold nothing of it.
-        if S::F32_LANES > LANES {
-            return self.with_simd(Scalar);
-        }
         let mut rows: Rows = [[[0.0; LANES]; COLUMNS]; TOGETHER];
         let mut sums = [[[0.0; LANES]; COLUMNS]; COLUMNS];
         let mut edges = Edges::new(simd);

@@ -5,12 +5,24 @@
 
 use std::ops::{Add, Mul, Neg, Sub};
 
-use pulp::Simd;
+use pulp::{Simd, WithSimd};
 
 /// Numbers worked on together, whatever the machine's registers hold.
 pub(super) const LANES: usize = 8;
 /// They, one a lane.
 pub(super) type Lanes = [f32; LANES];
+
+/// Runs a task in the widest registers that hold no more than [`LANES`] numbers. Where there are registers of sixteen they would be half
+/// empty: a small tag's side has ten stations, and places that see the same cells are eight at most.
+pub(super) fn dispatch<T: WithSimd>(task: T) -> T::Output {
+    #[cfg(target_arch = "x86_64")]
+    return match pulp::x86::V3::try_new() {
+        Some(simd) => Simd::vectorize(simd, task),
+        None => task.with_simd(pulp::Scalar),
+    };
+    #[cfg(not(target_arch = "x86_64"))]
+    return pulp::Arch::new().dispatch(task);
+}
 
 /// A register of numbers.
 #[derive(Clone, Copy)]
@@ -145,6 +157,7 @@ pub(super) fn normal<S: Simd>(simd: S, z: Wide<S>) -> (Wide<S>, Wide<S>) {
 /// As many lanes as a register holds: the `part`th such.
 #[inline(always)]
 pub(super) fn lanes<S: Simd>(simd: S, lanes: &Lanes, part: usize) -> Wide<S> {
+    const { assert!(S::F32_LANES <= LANES, "a register is wider than a group") };
     let (whole, _) = S::as_simd_f32s(lanes);
     Wide::new(simd, whole.get(part).copied().unwrap_or(simd.splat_f32s(0.0)))
 }
@@ -160,8 +173,33 @@ pub(super) fn store<S: Simd>(lanes: &mut Lanes, part: usize, value: Wide<S>) {
 
 #[cfg(test)]
 mod tests {
-    use super::{Wide, normal};
-    use pulp::{Scalar, Simd};
+    use super::{LANES, Lanes, Wide, dispatch, lanes, normal, store};
+    use pulp::{Scalar, Simd, WithSimd};
+
+    /// The integral and the density at many places.
+    struct Many<'a>(&'a mut [Lanes; 2]);
+
+    impl WithSimd for Many<'_> {
+        type Output = ();
+
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, simd: S) {
+            let places: Lanes = [-6.0, -2.5, -0.7, 0.0, 0.1, 1.3, 3.9, 8.0];
+            for part in 0..LANES / S::F32_LANES {
+                let (integral, density) = normal(simd, lanes(simd, &places, part));
+                store(&mut self.0[0], part, integral);
+                store(&mut self.0[1], part, density);
+            }
+        }
+    }
+
+    #[test]
+    fn wide_registers_and_single_numbers_give_the_same_bits() {
+        let (mut wide, mut single) = ([[0.0; LANES]; 2], [[1.0; LANES]; 2]);
+        dispatch(Many(&mut wide));
+        Many(&mut single).with_simd(Scalar);
+        assert_eq!(wide, single);
+    }
 
     #[test]
     fn the_normal_distribution() {

@@ -299,7 +299,7 @@ mod tests {
     use super::*;
     use crate::geometry::lens::Projection;
 
-    /// The register form against the scalar one, on whatever this machine has and on plain numbers.
+    /// The register form against the scalar one, on whatever this machine has, on the registers one step narrower, and on plain numbers.
     fn compare<L: LensLanes>(parameters: &[f64; MAX_PARAMETERS]) {
         struct Task<'a, L>(&'a [f64; MAX_PARAMETERS], std::marker::PhantomData<L>);
         impl<L: LensLanes> pulp::WithSimd for Task<'_, L> {
@@ -347,6 +347,11 @@ mod tests {
             }
         }
         pulp::Arch::new().dispatch(Task::<L>(parameters, std::marker::PhantomData));
+        // A machine with AVX-512 has the narrower registers too.
+        #[cfg(target_arch = "x86_64")]
+        if let Some(simd) = pulp::x86::V3::try_new() {
+            Simd::vectorize(simd, Task::<L>(parameters, std::marker::PhantomData));
+        }
         pulp::WithSimd::with_simd(Task::<L>(parameters, std::marker::PhantomData), pulp::Scalar);
     }
 

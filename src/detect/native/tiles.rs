@@ -7,9 +7,10 @@
 //!
 //! Extremes are taken of the mean of 2 x 2 pixels: it halves the noise, so that noise alone is not contrast.
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
 use crate::detect::picture::GreyPicture;
+use crate::detect::wide::dispatch;
 
 /// Edge of a tile, px.
 pub(super) const TILE: usize = 8;
@@ -39,7 +40,6 @@ pub(super) fn tile_extremes(picture: &GreyPicture) -> Extremes {
     let padded = columns * TILE;
     let mut darkest = vec![u8::MAX; columns * rows];
     let mut brightest = vec![0; columns * rows];
-    let arch = Arch::new();
     // Padding can win neither way.
     let (mut low, mut high) = (vec![u8::MAX; padded], vec![0; padded]);
     let mut scratch = vec![0; padded];
@@ -48,7 +48,7 @@ pub(super) fn tile_extremes(picture: &GreyPicture) -> Extremes {
     {
         let first = row * TILE * width;
         let band = picture.pixels().get(first..(first + TILE * width).min(width * height)).unwrap_or(&[]);
-        arch.dispatch(Band { band, width, low: &mut low, high: &mut high, scratch: &mut scratch, darkest, brightest });
+        dispatch(Band { band, width, low: &mut low, high: &mut high, scratch: &mut scratch, darkest, brightest });
     }
     Extremes { columns, darkest, brightest }
 }
