@@ -53,10 +53,9 @@ fn measure(pictures: u64) -> Result<Measured, Box<dyn std::error::Error>> {
         board: sizes::Board::Small,
         plates: 0,
     };
-    let mut problem = sizes::problem(size, false);
+    let problem = sizes::problem(size, false);
     let tree = FrameTree::new(&problem.layout);
     let plan = Plan::new(&problem.layout, &tree, &problem.recording)?;
-    problem.recording.corners = Vec::new();
     let start = sizes::wrong_start(&problem, &tree, &plan);
     // The peak of this solve, not that of the recording's making.
     std::fs::write("/proc/self/clear_refs", "5")?;
@@ -81,7 +80,7 @@ fn measure(pictures: u64) -> Result<Measured, Box<dyn std::error::Error>> {
         status.lines().find_map(|line| line.strip_prefix("VmHWM:")?.trim().strip_suffix(" kB")?.parse::<f64>().ok());
     Ok(Measured {
         pictures,
-        corners: plan.measurements.corner_pixels.len(),
+        corners: plan.measurements.corner_count(),
         seconds: times[times.len() / 2],
         iterations,
         megabytes: peak.ok_or("the system does not say how much memory is used")? * 1024.0 / 1e6,

@@ -19,7 +19,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [what, name, lens, file] = arguments.as_slice() else { return Err("write|solve SIZE fixed|free FILE".into()) };
     let size = sizes::size(name).ok_or("no such size")?;
-    let mut problem = sizes::problem(size, lens == "free");
+    let problem = sizes::problem(size, lens == "free");
     let tree = FrameTree::new(&problem.layout);
     let plan = Plan::new(&problem.layout, &tree, &problem.recording)?;
     let start = sizes::wrong_start(&problem, &tree, &plan);
@@ -28,8 +28,6 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         write(out, &problem.layout, &problem.recording, &plan, &start, lens == "free")?;
         return Ok(());
     }
-    // The rows of the recording are no longer needed, and would be counted as the solver's memory.
-    problem.recording.corners = Vec::new();
     std::fs::write("/proc/self/clear_refs", "5").ok();
     let (clock, processor) = (Instant::now(), processor_seconds());
     let mut state = start.clone();
@@ -44,7 +42,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         report.iterations,
         report.final_cost,
         peak.unwrap_or(0.0) / 1024.0,
-        plan.measurements.corner_pixels.len(),
+        plan.measurements.corner_count(),
         report.termination.words()
     );
     poses(out, &state)?;
@@ -127,10 +125,10 @@ fn write(
             }
             let m = &plan.measurements;
             for i in block.start..block.end {
-                numbers(&mut out, &m.corner_points[i])?;
-                numbers(&mut out, &m.corner_pixels[i])?;
+                numbers(&mut out, &m.place(i))?;
+                numbers(&mut out, &m.pixel(i))?;
                 // No covariances: the whitener is one number times the identity.
-                numbers(&mut out, &m.corner_whiteners[i][..1])?;
+                numbers(&mut out, &m.whitener(i)[..1])?;
             }
         }
     }

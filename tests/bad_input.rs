@@ -99,6 +99,19 @@ fn missing_files() {
 }
 
 #[test]
+fn a_board_that_nobody_prints() {
+    let board = "tag: {checkerboard: {corners: [9000, 5000], square: 50}";
+    let said = refused("solve", &edited("tag: {tags: {dictionary: 6x6_250, size: 50, ids: [7]}", board), &[]);
+    pinned(
+        &said,
+        "error: the board `tag` has 9000 x 5000 inner corners
+  --> layout.yaml:11
+   11 |   tag: {checkerboard: {corners: [9000, 5000], square: 50}, mount: arm.flange}
+  help: no board has more than 1000000: check the counts",
+    );
+}
+
+#[test]
 fn unit_missing() {
     let said = refused("solve", &edited("units: {length: mm, angle: deg}", "units: {length: mm}"), &[]);
     pinned(

@@ -45,13 +45,15 @@ fn worst(solved: &Solved) -> (f64, f64) {
 fn spoil_corners(recording: &mut Recording, share: f64, seed: u64) -> usize {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut count = 0;
-    for row in &mut recording.corners {
-        if random.random::<f64>() < share {
-            let (far, angle) = (random.random_range(5.0..200.0), random.random_range(0.0..std::f64::consts::TAU));
-            row.pixel = [row.pixel[0] + far * f64::cos(angle), row.pixel[1] + far * f64::sin(angle)];
-            count += 1;
+    recording.corners.edit(|rows| {
+        for row in rows {
+            if random.random::<f64>() < share {
+                let (far, angle) = (random.random_range(5.0..200.0), random.random_range(0.0..std::f64::consts::TAU));
+                row.pixel = [row.pixel[0] + far * f64::cos(angle), row.pixel[1] + far * f64::sin(angle)];
+                count += 1;
+            }
         }
-    }
+    });
     count
 }
 

@@ -50,9 +50,7 @@ fn recorded() -> Recording {
     let truth = layout(&two_robot_truth());
     let mut recording = record(&truth, two_robot_motion(20), 0.1, 4);
     // Something to set aside, too.
-    for row in recording.corners.iter_mut().step_by(97) {
-        row.pixel[1] -= 30.0;
-    }
+    recording.corners.edit(|rows| rows.iter_mut().step_by(97).for_each(|row| row.pixel[1] -= 30.0));
     recording
 }
 
@@ -66,11 +64,12 @@ fn cameras_robots_and_targets_in_reverse_order() {
     backward.targets.reverse();
     let mut mirrored = recording.clone();
     mirrored.motions.reverse();
-    for row in &mut mirrored.corners {
-        row.camera = forward.cameras.len() - 1 - row.camera;
-        row.target = forward.targets.len() - 1 - row.target;
-    }
-    mirrored.corners.sort_by(|a, b| a.key().cmp(&b.key()));
+    mirrored.corners.edit(|rows| {
+        for row in rows {
+            row.camera = forward.cameras.len() - 1 - row.camera;
+            row.target = forward.targets.len() - 1 - row.target;
+        }
+    });
     assert_same(&solve(forward, &recording), &solve(backward, &mirrored), str::to_owned);
 }
 

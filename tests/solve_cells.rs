@@ -88,12 +88,12 @@ fn outliers_are_set_aside_and_do_no_harm() {
     let truth = layout(&two_robot_truth());
     let mut recording = record(&truth, two_robot_motion(30), 0.1, 5);
     let mut spoilt = 0;
-    for (i, row) in recording.corners.iter_mut().enumerate() {
-        if i % 53 == 0 {
+    recording.corners.edit(|rows| {
+        for row in rows.iter_mut().step_by(53) {
             row.pixel[0] += 25.0;
             spoilt += 1;
         }
-    }
+    });
     for loss in ["{huber: 1.5}", "{cauchy: 2}", "{tukey: 6}"] {
         let text = hidden(cells::TWO_ROBOTS).replace("{huber: 1.5}", loss);
         let solved = solve(layout(&text), &recording);
@@ -132,7 +132,7 @@ fn waved(noise: f64) -> (Vec<Pose>, Recording) {
     };
     let world_from_camera = vec![Pose::identity(), place(0.8, 0.2, -0.6), place(-0.7, 0.1, 0.5)];
     let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(3);
-    let mut recording = Recording::default();
+    let mut rows = Vec::new();
     for configuration in 0..25u64 {
         let mut draw = |scale: f64| random.random_range(-scale..scale);
         let wand = Pose::from_translation(draw(0.2), draw(0.15), 1.2 + draw(0.2))
@@ -143,7 +143,7 @@ fn waved(noise: f64) -> (Vec<Pose>, Recording) {
                 let point = pose.inverse() * (wand * layout.targets[0].geometry.place(&feature).unwrap());
                 let pixel = layout.cameras[camera].intrinsics.as_ref().unwrap().project(&point).unwrap();
                 let pixel = [pixel.x + noise * draw(1.0), pixel.y + noise * draw(1.0)];
-                recording.corners.push(cellmap::recording::CornerRow {
+                rows.push(cellmap::recording::CornerRow {
                     configuration,
                     shot: 0,
                     camera,
@@ -155,8 +155,7 @@ fn waved(noise: f64) -> (Vec<Pose>, Recording) {
             }
         }
     }
-    recording.corners.sort_by(|a, b| a.key().cmp(&b.key()));
-    (world_from_camera, recording)
+    (world_from_camera, Recording { corners: rows.into(), ..Recording::default() })
 }
 
 #[test]
@@ -271,18 +270,19 @@ fn half_turned_boards_are_put_right_by_the_robots_motion() {
     let mut recording = record(&truth, vec![RobotMotion::Joints(stops)], 0.05, 8);
     let board = truth.targets.iter().position(|target| target.name == "tool_cube").unwrap();
     let mut turned = 0;
-    for row in recording.corners.iter_mut().filter(|row| row.target == board) {
-        if let cellmap::geometry::Feature::BoardCorner(i) = &mut row.feature
-            && (row.configuration * 7 + row.camera as u64).is_multiple_of(3)
-        {
-            *i = 23 - *i;
-            turned += 1;
+    recording.corners.edit(|rows| {
+        for row in rows.iter_mut().filter(|row| row.target == board) {
+            if let cellmap::geometry::Feature::BoardCorner(i) = &mut row.feature
+                && (row.configuration * 7 + row.camera as u64).is_multiple_of(3)
+            {
+                *i = 23 - *i;
+                turned += 1;
+            }
         }
-    }
+    });
     let cameras: std::collections::BTreeSet<usize> =
         recording.corners.iter().filter(|row| row.target == board).map(|row| row.camera).collect();
     assert!(turned > 100 && cameras.len() >= 2, "{turned} corners turned, seen by {cameras:?}");
-    recording.corners.sort_by(|a, b| a.key().cmp(&b.key()));
     // Tie the cameras to the world by their truth: only the robot and its board are to be found.
     let lines: Vec<String> = text
         .lines()
@@ -314,9 +314,11 @@ fn half_turned_boards_are_put_right_by_the_robots_motion() {
 fn a_moving_target_that_is_hardly_seen_is_left_out_where_it_is() {
     let (truth, mut recording) = waved(0.0);
     // At two configurations only three corners are left: no pose.
-    recording.corners.retain(|row| {
-        ![3, 7].contains(&row.configuration)
-            || matches!(row.feature, cellmap::geometry::Feature::BoardCorner(i) if i < 3)
+    recording.corners.edit(|rows| {
+        rows.retain(|row| {
+            ![3, 7].contains(&row.configuration)
+                || matches!(row.feature, cellmap::geometry::Feature::BoardCorner(i) if i < 3)
+        });
     });
     let solved = solve(layout(WAND), &recording);
     assert!(solved.trustworthy(), "{:?} {:?}", solved.report.termination, solved.undetermined);
@@ -358,14 +360,15 @@ fn a_corner_that_cannot_be_where_it_was_read_is_set_aside() {
     let truth = layout(&two_robot_truth());
     let mut recording = record(&truth, two_robot_motion(20), 0.05, 1);
     // The wrist camera claims to see the tag on its own tool, which is behind its lens plane.
-    let mut false_read = recording.corners.iter().find(|row| row.camera == 4).unwrap().clone();
+    let mut false_read = recording.corners.iter().find(|row| row.camera == 4).unwrap();
     false_read.target = truth.targets.iter().position(|target| target.name == "ur10e_tool").unwrap();
-    for corner in 0..4u8 {
-        false_read.feature = cellmap::geometry::Feature::TagCorner(72, corner);
-        false_read.pixel = [600.0 + 40.0 * f64::from(corner % 2), 500.0 + 40.0 * f64::from(corner / 2)];
-        recording.corners.push(false_read.clone());
-    }
-    recording.corners.sort_by(|a, b| a.key().cmp(&b.key()));
+    recording.corners.edit(|rows| {
+        for corner in 0..4u8 {
+            false_read.feature = cellmap::geometry::Feature::TagCorner(72, corner);
+            false_read.pixel = [600.0 + 40.0 * f64::from(corner % 2), 500.0 + 40.0 * f64::from(corner / 2)];
+            rows.push(false_read.clone());
+        }
+    });
     let solved = solve(layout(&hidden(cells::TWO_ROBOTS)), &recording);
     assert!(solved.rejected.corners >= 4, "{:?}", solved.rejected);
     assert!(solved.residuals.rms_px().unwrap() < 0.06, "{:?}", solved.residuals.rms_px());

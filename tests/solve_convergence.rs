@@ -57,12 +57,12 @@ fn two_robots() -> (Layout, Layout) {
 }
 
 fn with_outliers(recording: &mut Recording, every: usize) {
-    for (i, row) in recording.corners.iter_mut().enumerate() {
-        if i % every == 0 {
+    recording.corners.edit(|rows| {
+        for (i, row) in rows.iter_mut().enumerate().step_by(every) {
             let i = i as f64;
             row.pixel = [row.pixel[0] + 15.0 * i.sin(), row.pixel[1] + 15.0 * (1.3 * i).cos()];
         }
-    }
+    });
 }
 
 /// Linearisations at most, under either loss, from 50 mm and 3 degrees off and from the closed form.

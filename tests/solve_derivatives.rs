@@ -168,6 +168,7 @@ fn record(
     random: &mut ChaCha8Rng,
 ) -> Recording {
     let mut recording = shadow.clone();
+    let mut rows = Vec::new();
     let pose = |from, to, id| pose_at(layout, tree, &shadow, state, from, to, id);
     for (configuration, camera) in (1..=CONFIGURATIONS).flat_map(|id| [(id, 0), (id, 1)]) {
         let seen: &[(usize, &[u32])] =
@@ -187,20 +188,12 @@ fn record(
                 for (shot, covariance) in [(0, Some([0.3, 0.1, 0.2])), (1, None)] {
                     let pixel = pixel.map(|x| x + 2.0 * shot as f64);
                     let feature = feature.clone();
-                    recording.corners.push(CornerRow {
-                        configuration,
-                        shot,
-                        camera,
-                        target,
-                        feature,
-                        pixel,
-                        covariance,
-                    });
+                    rows.push(CornerRow { configuration, shot, camera, target, feature, pixel, covariance });
                 }
             }
         }
     }
-    recording.corners.sort_by(|a, b| a.key().cmp(&b.key()));
+    recording.corners = rows.into();
     for configuration in 1..=CONFIGURATIONS {
         let seen = pose(tree.cameras[0], tree.targets[0], configuration);
         let turn = if at == At::NearlySingular { std::f64::consts::PI - 1e-2 } else { 0.3 };

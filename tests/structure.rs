@@ -135,7 +135,7 @@ fn points_seen_by_two(second: &str) -> Solved {
     );
     let layout: Layout = cells::layout(&text);
     let b = Pose::from_translation(0.5, 0.0, 0.0) * Pose::from_rotation_vector(&Vector3::new(0.0, -0.3, 0.0));
-    let mut recording = Recording::default();
+    let mut rows = Vec::new();
     for i in 0..12u32 {
         let t = f64::from(i);
         let place = Vector3::new(0.4 * (1.7 * t).sin(), 0.3 * (2.3 * t).cos(), 1.5 + 0.3 * (0.9 * t).sin());
@@ -143,7 +143,7 @@ fn points_seen_by_two(second: &str) -> Solved {
             let pixel = layout.cameras[camera].intrinsics.as_ref().unwrap().project(&(pose.inverse() * place)).unwrap();
             let feature = Feature::Point(format!("p{i}"));
             let (u, v) = (pixel.x + 0.05 * (5.1 * t).sin(), pixel.y + 0.05 * (7.3 * t).cos());
-            recording.corners.push(CornerRow {
+            rows.push(CornerRow {
                 configuration: 1,
                 shot: 0,
                 camera,
@@ -154,8 +154,7 @@ fn points_seen_by_two(second: &str) -> Solved {
             });
         }
     }
-    recording.corners.sort_by(|a, b| a.key().cmp(&b.key()));
-    cells::solve(layout, &recording)
+    cells::solve(layout, &Recording { corners: rows.into(), ..Recording::default() })
 }
 
 #[test]
@@ -175,7 +174,7 @@ fn board_before_a_camera(tilt: f64) -> Solved {
                 targets:\n  board: {checkerboard: {corners: [7, 4], square: 30}, moves: true}\n";
     let layout: Layout = cells::layout(text);
     let intrinsics = layout.cameras[0].intrinsics.as_ref().unwrap();
-    let mut recording = Recording::default();
+    let mut rows = Vec::new();
     for i in 0..15u64 {
         let t = i as f64;
         let turn = Vector3::new(tilt * (1.3 * t).sin(), tilt * (2.1 * t).cos(), 0.1 * t.sin());
@@ -185,7 +184,7 @@ fn board_before_a_camera(tilt: f64) -> Solved {
             let place = Vector3::new(0.03 * f64::from(corner % 7), 0.03 * f64::from(corner / 7), 0.0);
             let pixel = intrinsics.project(&(pose * place)).unwrap();
             let wobble = f64::from(corner) * 3.7 + t * 1.9;
-            recording.corners.push(CornerRow {
+            rows.push(CornerRow {
                 configuration: i,
                 shot: 0,
                 camera: 0,
@@ -196,8 +195,7 @@ fn board_before_a_camera(tilt: f64) -> Solved {
             });
         }
     }
-    recording.corners.sort_by(|a, b| a.key().cmp(&b.key()));
-    cells::solve(layout, &recording)
+    cells::solve(layout, &Recording { corners: rows.into(), ..Recording::default() })
 }
 
 #[test]

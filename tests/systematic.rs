@@ -104,16 +104,16 @@ fn shifted(shift: impl Fn(&[CornerRow], usize) -> Vector2<f64>) -> Recording {
     let key = |row: &CornerRow| {
         (row.camera, row.configuration, row.target, format!("{:?}", row.feature).split(',').next().map(str::to_owned))
     };
-    let old = recording.corners.clone();
-    let mut at = 0;
-    for thing in old.chunk_by(|a, b| key(a) == key(b)) {
-        for i in 0..thing.len() {
-            let by = shift(thing, i);
-            recording.corners[at + i].pixel[0] += by.x;
-            recording.corners[at + i].pixel[1] += by.y;
+    recording.corners.edit(|rows| {
+        for thing in rows.chunk_by_mut(|a, b| key(a) == key(b)) {
+            let old = thing.to_vec();
+            for (i, row) in thing.iter_mut().enumerate() {
+                let by = shift(&old, i);
+                row.pixel[0] += by.x;
+                row.pixel[1] += by.y;
+            }
         }
-        at += thing.len();
-    }
+    });
     recording
 }
 

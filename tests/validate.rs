@@ -17,9 +17,7 @@ fn record(dir: &Path, truth: &str, told: &str, stops: u64) {
     let motions = cells::one_robot_path(stops);
     let mut recording = cells::record(&layout, motions.clone(), 0.05, 3);
     // Something to set aside; the last row among it.
-    for row in recording.corners.iter_mut().rev().step_by(301) {
-        row.pixel[0] += 15.0;
-    }
+    recording.corners.edit(|rows| rows.iter_mut().rev().step_by(301).for_each(|row| row.pixel[0] += 15.0));
     std::fs::write(dir.join("layout.yaml"), told).unwrap();
     write_detections(&dir.join("detections.csv"), &layout, &recording.corners).unwrap();
     let mut text = "configuration,robot,q1,q2,q3,q4,q5,q6\n".to_owned();

@@ -222,10 +222,9 @@ fn record(layout: &Layout, size: Size, board: &Pose) -> (Recording, BTreeMap<(us
             joints[space * size.robots + robot] = own;
         }
     }
-    rows.sort_by(|a, b| a.key().cmp(&b.key()));
     assert_eq!(joints.len(), layout.robots.len());
     let motions = joints.into_iter().map(RobotMotion::Joints).collect();
-    (Recording { motions, corners: rows, ..Recording::default() }, moving)
+    (Recording { motions, corners: rows.into(), ..Recording::default() }, moving)
 }
 
 /// Whether every camera sees every corner of what the only robot holds.

@@ -107,7 +107,7 @@ pub fn initialise(
     let poses = symmetric.then(|| growth.block_poses());
     let state = growth.state;
     if let Some(poses) = poses {
-        renumber_boards(layout, tree, recording, plan, &poses);
+        renumber_boards(layout, tree, plan, &poses);
     }
     Ok(Start { state, dropped: drop_unplaced(plan, &placed) })
 }
@@ -126,7 +126,7 @@ impl Growth<'_> {
     /// Takes candidate poses and points from all measurements.
     fn gather(&mut self) {
         for group in &self.plan.groups {
-            let observations = observe(self.layout, self.tree, self.recording, self.plan, group);
+            let observations = observe(self.layout, self.tree, self.plan, group);
             if !observations.is_empty() {
                 self.relations.push(Relation { path: group.path.clone(), observations, spent: false });
             }

@@ -57,8 +57,8 @@ impl Growth<'_> {
             }
             for block in &group.blocks {
                 let parent_from_camera = self.product(&group.path.steps[..at], block.configuration).inverse();
-                for pixel in &self.plan.measurements.corner_pixels[block.start..block.end] {
-                    if let Ok(ray) = intrinsics.ray(&Vector2::from(*pixel)) {
+                for i in block.start..block.end {
+                    if let Ok(ray) = intrinsics.ray(&Vector2::from(self.plan.measurements.pixel(i))) {
                         rays[edge].push((parent_from_camera.translation, parent_from_camera.rotation * ray));
                     }
                 }

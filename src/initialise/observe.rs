@@ -9,7 +9,6 @@ use super::robust_pose::robust_poses_from_points;
 use crate::frames::FrameTree;
 use crate::geometry::{Feature, Intrinsics, Pose, TargetGeometry};
 use crate::layout::Layout;
-use crate::recording::Recording;
 use crate::solve::{Block, Group, GroupKind, Plan};
 
 /// Pictures of one target by one camera from which poses are taken at most, spread evenly: more would not change the start.
@@ -25,13 +24,7 @@ pub(super) struct Observation {
 }
 
 /// The observations of a group: every block that shows enough for a pose.
-pub(super) fn observe(
-    layout: &Layout,
-    tree: &FrameTree,
-    recording: &Recording,
-    plan: &Plan,
-    group: &Group,
-) -> Vec<Observation> {
+pub(super) fn observe(layout: &Layout, tree: &FrameTree, plan: &Plan, group: &Group) -> Vec<Observation> {
     let stride = if group.compiled.moving.is_empty() { group.blocks.len().div_ceil(MOST_PICTURES).max(1) } else { 1 };
     let blocks: Vec<&Block> = group.blocks.iter().step_by(stride).collect();
     let symmetries = board_of(layout, tree, group).map_or(Vec::new(), half_turns);
@@ -39,7 +32,7 @@ pub(super) fn observe(
         let (candidates, weight): (Vec<Pose>, usize) = match group.kind {
             GroupKind::Corners { camera } => {
                 let intrinsics = layout.cameras[camera].intrinsics.as_ref()?;
-                (picture_candidates(layout, tree, recording, plan, group, block, intrinsics), block.end - block.start)
+                (picture_candidates(layout, tree, plan, group, block, intrinsics), block.end - block.start)
             }
             GroupKind::Poses => {
                 let poses: Vec<Pose> =
@@ -110,7 +103,6 @@ fn half_turns(geometry: &TargetGeometry) -> Vec<Pose> {
 fn picture_candidates(
     layout: &Layout,
     tree: &FrameTree,
-    recording: &Recording,
     plan: &Plan,
     group: &Group,
     block: &Block,
@@ -118,11 +110,11 @@ fn picture_candidates(
 ) -> Vec<Pose> {
     let m = &plan.measurements;
     let range = block.start..block.end;
-    let shots = shot_ranges(recording, plan, block);
+    let shots = shot_ranges(plan, block);
     // Shots of a symmetric board may be numbered differently from each other: the first speaks for all.
     let range = if board_of(layout, tree, group).is_some() { shots[0].clone() } else { range };
     let (mut points, mut image) = (Vec::new(), Vec::new());
-    for (point, pixel) in means(&m.corner_points[range.clone()], &m.corner_pixels[range]) {
+    for (point, pixel) in means(range.map(|i| (m.place(i), m.pixel(i)))) {
         if let Ok(ideal) = intrinsics.undistort(&pixel) {
             points.push(point);
             image.push(ideal);
@@ -132,15 +124,15 @@ fn picture_candidates(
 }
 
 /// Every different point with the mean of its pixels: several shots from one place show it at one pixel but for noise.
-fn means(points: &[[f64; 3]], pixels: &[[f64; 2]]) -> Vec<(Vector3<f64>, Vector2<f64>)> {
+fn means(corners: impl Iterator<Item = ([f64; 3], [f64; 2])>) -> Vec<(Vector3<f64>, Vector2<f64>)> {
     let mut sums: Vec<([f64; 3], [f64; 2], f64)> = Vec::new();
     let mut next = 0;
-    for (point, pixel) in points.iter().zip(pixels) {
+    for (point, pixel) in corners {
         // Shots list their corners in the same order.
         let place = match sums.get(next) {
-            Some((known, ..)) if known == point => next,
-            _ => sums.iter().position(|(known, ..)| known == point).unwrap_or_else(|| {
-                sums.push((*point, [0.0; 2], 0.0));
+            Some((known, ..)) if *known == point => next,
+            _ => sums.iter().position(|(known, ..)| *known == point).unwrap_or_else(|| {
+                sums.push((point, [0.0; 2], 0.0));
                 sums.len() - 1
             }),
         };
@@ -153,66 +145,56 @@ fn means(points: &[[f64; 3]], pixels: &[[f64; 2]]) -> Vec<(Vector3<f64>, Vector2
 }
 
 /// The corners of a block, shot by shot.
-fn shot_ranges(recording: &Recording, plan: &Plan, block: &Block) -> Vec<std::ops::Range<usize>> {
-    let shot = |i: usize| recording.corners[plan.measurements.corner_rows[i] as usize].shot;
-    let mut ranges = Vec::new();
-    let mut start = block.start;
-    for i in block.start..block.end {
-        if i + 1 == block.end || shot(i + 1) != shot(i) {
-            ranges.push(start..i + 1);
-            start = i + 1;
-        }
-    }
-    ranges
+fn shot_ranges(plan: &Plan, block: &Block) -> Vec<std::ops::Range<usize>> {
+    plan.measurements.appearances(block.start..block.end).map(|(range, _)| range).collect()
 }
 
 /// Gives the corners of symmetric boards the numbering that fits `poses` (`sensor_from_target` by group and block). Returns the number of boards
 /// that were turned.
-pub(super) fn renumber_boards(
-    layout: &Layout,
-    tree: &FrameTree,
-    recording: &Recording,
-    plan: &mut Plan,
-    poses: &[Vec<Pose>],
-) -> usize {
+pub(super) fn renumber_boards(layout: &Layout, tree: &FrameTree, plan: &mut Plan, poses: &[Vec<Pose>]) -> usize {
     let mut turned = 0;
-    for (group_index, group) in plan.groups.clone().iter().enumerate() {
+    for (group, poses) in plan.groups.clone().iter().zip(poses) {
         let (Some(geometry), GroupKind::Corners { camera }) = (board_of(layout, tree, group), group.kind) else {
             continue;
         };
         let Some(intrinsics) = &layout.cameras[camera].intrinsics else { continue };
         let maps = geometry.symmetries();
-        for (block, pose) in group.blocks.iter().zip(&poses[group_index]) {
-            for range in shot_ranges(recording, plan, block) {
-                let numbered = |map: &[u32]| -> Option<Vec<Vector3<f64>>> {
-                    range
-                        .clone()
-                        .map(|i| match &recording.corners[plan.measurements.corner_rows[i] as usize].feature {
-                            Feature::BoardCorner(index) => {
-                                geometry.place(&Feature::BoardCorner(*map.get(*index as usize)?))
-                            }
-                            _ => None,
-                        })
-                        .collect()
-                };
-                let error = |places: &[Vector3<f64>]| -> f64 {
-                    let one = |(place, i): (&Vector3<f64>, usize)| match intrinsics.project(&(*pose * *place)) {
-                        Some(pixel) => (pixel - Vector2::from(plan.measurements.corner_pixels[i])).norm_squared(),
-                        None => 1e12,
+        let place = |corner: u32| geometry.place(&Feature::BoardCorner(corner));
+        // Where the plan has the board's corners, once one of them needs another's place.
+        let mut known: Option<u32> = None;
+        for (block, pose) in group.blocks.iter().zip(poses) {
+            for range in shot_ranges(plan, block) {
+                let numbered = |map: &[u32]| -> Option<Vec<u32>> {
+                    let to = |i: usize| match plan.measurements.feature(i) {
+                        Feature::BoardCorner(index) => map.get(*index as usize).copied(),
+                        _ => None,
                     };
-                    places.iter().zip(range.clone()).map(one).sum()
+                    range.clone().map(to).collect()
+                };
+                let error = |corners: &[u32]| -> Option<f64> {
+                    let one = |(corner, i): (&u32, usize)| {
+                        Some(match intrinsics.project(&(*pose * place(*corner)?)) {
+                            Some(pixel) => (pixel - Vector2::from(plan.measurements.pixel(i))).norm_squared(),
+                            None => 1e12,
+                        })
+                    };
+                    corners.iter().zip(range.clone()).map(one).sum()
                 };
                 let best = maps
                     .iter()
                     .enumerate()
-                    .filter_map(|(rank, map)| numbered(map).map(|places| (rank, error(&places), places)))
+                    .filter_map(|(rank, map)| numbered(map).and_then(|corners| Some((rank, error(&corners)?, corners))))
                     .min_by(|a, b| a.1.total_cmp(&b.1));
-                if let Some((rank, _, places)) = best
+                if let Some((rank, _, corners)) = best
                     && rank > 0
                 {
                     turned += 1;
-                    for (place, i) in places.into_iter().zip(range) {
-                        plan.measurements.corner_points[i] = place.into();
+                    let first = *known.get_or_insert_with(|| {
+                        let all = (0..maps[0].len() as u32).map(|corner| place(corner).unwrap_or_default().into());
+                        plan.measurements.add_places(all)
+                    });
+                    for (corner, i) in corners.into_iter().zip(range) {
+                        plan.measurements.put_at(i, first + corner);
                     }
                 }
             }

@@ -12,6 +12,9 @@ use crate::geometry::{Pattern, TargetGeometry};
 /// The kinds of geometry, of which a target has at most one.
 const KINDS: [&str; 5] = ["tags", "checkerboard", "charuco", "april_grid", "points"];
 
+/// Inner corners of a board at most.
+const MOST_CORNERS: usize = 1_000_000;
+
 pub(super) fn read_target(context: &Context<'_>, name: &str, node: &Node) -> Option<Target> {
     let to = context.to;
     let fields = Fields::open(to, node, format!("target `{name}`"))?;
@@ -103,8 +106,21 @@ fn read_checkerboard(to: &Gathered<'_>, name: &str, node: &Node, units: Units) -
             "count the corners between squares, not the squares",
         );
     }
+    not_too_many(to, line, name, [columns, rows])?;
     let geometry = TargetGeometry::Board { columns, rows, square: square * units.length, numbered: false };
     Some((geometry.into(), Some(Pattern::Checkerboard { columns, rows })))
+}
+
+/// A board is held corner by corner, so a slip of the keyboard must not fill the memory.
+fn not_too_many(to: &Gathered<'_>, line: usize, name: &str, [columns, rows]: [usize; 2]) -> Option<()> {
+    if columns * rows <= MOST_CORNERS {
+        return Some(());
+    }
+    to.complain(
+        line,
+        format!("the board `{name}` has {columns} x {rows} inner corners"),
+        format!("no board has more than {MOST_CORNERS}: check the counts"),
+    )
 }
 
 fn read_charuco(to: &Gathered<'_>, name: &str, node: &Node, units: Units) -> Option<(Shape, Option<Pattern>)> {
@@ -132,7 +148,9 @@ fn read_charuco(to: &Gathered<'_>, name: &str, node: &Node, units: Units) -> Opt
     }
     let squares = squares.map(|count| count as usize);
     let square = square * units.length;
-    let geometry = TargetGeometry::Board { columns: squares[0] - 1, rows: squares[1] - 1, square, numbered: true };
+    let [columns, rows] = squares.map(|count| count - 1);
+    not_too_many(to, line, name, [columns, rows])?;
+    let geometry = TargetGeometry::Board { columns, rows, square, numbered: true };
     let marker = marker * units.length;
     Some((geometry.into(), Some(Pattern::Charuco { squares, square, marker, dictionary, first_id: 0 })))
 }

@@ -1,41 +1,18 @@
 //! Corners in pictures: `detections.csv`.
 
 use sha2::{Digest as _, Sha256};
+use std::borrow::Borrow;
 use std::io::Write;
 use std::path::Path;
+use std::sync::Arc;
 
+use super::corners::{CornerRow, Corners};
+use super::names::Names;
 use super::table::Table;
 use super::{Digest, atomic, swift};
 use crate::complaint::InputError;
 use crate::geometry::{Feature, TargetGeometry};
 use crate::layout::Layout;
-
-/// One corner as a detector reports it.
-#[derive(Clone, Debug, PartialEq)]
-pub struct CornerRow {
-    /// Where all robots stand.
-    pub configuration: u64,
-    /// Which of several pictures taken there.
-    pub shot: u64,
-    /// The camera's place in the layout.
-    pub camera: usize,
-    /// The target's place in the layout.
-    pub target: usize,
-    /// Which corner.
-    pub feature: Feature,
-    /// (u, v), px.
-    pub pixel: [f64; 2],
-    /// (suu, suv, svv), px^2.
-    pub covariance: Option<[f64; 3]>,
-}
-
-impl CornerRow {
-    /// The order of rows that everything downstream relies on.
-    #[must_use]
-    pub fn key(&self) -> (usize, u64, u64, usize, &Feature) {
-        (self.camera, self.configuration, self.shot, self.target, &self.feature)
-    }
-}
 
 pub(super) const COLUMNS: [&str; 8] = ["configuration", "shot", "camera", "target", "tag", "corner", "u", "v"];
 pub(super) const COVARIANCE: [&str; 3] = ["suu", "suv", "svv"];
@@ -44,12 +21,12 @@ pub(super) const COVARIANCE: [&str; 3] = ["suu", "suv", "svv"];
 ///
 /// # Errors
 /// Faults of the file; names, tags or corners that the layout does not have; a covariance that is not positive definite; a corner given twice.
-pub fn read_detections(path: &Path, layout: &Layout) -> Result<Vec<CornerRow>, InputError> {
-    read_and_digest(path, layout).map(|(rows, _)| rows)
+pub fn read_detections(path: &Path, layout: &Layout) -> Result<Corners, InputError> {
+    read_and_digest(path, layout).map(|(corners, _)| corners)
 }
 
 /// As [`read_detections`], with the SHA-256 of the very bytes that were read: known where nothing about the file is unusual.
-pub(super) fn read_and_digest(path: &Path, layout: &Layout) -> Result<(Vec<CornerRow>, Option<Digest>), InputError> {
+pub(super) fn read_and_digest(path: &Path, layout: &Layout) -> Result<(Corners, Option<Digest>), InputError> {
     let swift = std::fs::read(path).ok().and_then(|bytes| {
         let (rows, digest) = rayon::join(|| swift::read(&bytes, layout), || Sha256::digest(&bytes));
         Some((rows?, Some(digest.into())))
@@ -58,7 +35,7 @@ pub(super) fn read_and_digest(path: &Path, layout: &Layout) -> Result<(Vec<Corne
 }
 
 /// The reader that knows what is wrong with a file and where.
-fn read_carefully(path: &Path, layout: &Layout) -> Result<Vec<CornerRow>, InputError> {
+fn read_carefully(path: &Path, layout: &Layout) -> Result<Corners, InputError> {
     let mut table = Table::open(path, &COLUMNS)?;
     let [configuration, shot, camera, target, tag, corner, u, v] = table.columns(COLUMNS);
     let covariance = table.column("suu").map(|_| table.columns(COVARIANCE));
@@ -118,7 +95,7 @@ fn read_carefully(path: &Path, layout: &Layout) -> Result<Vec<CornerRow>, InputE
         )
         .into());
     }
-    Ok(rows.into_iter().map(|(row, _)| row).collect())
+    Ok(Corners::named(Arc::new(Names::of(layout)), rows.iter().map(|(row, _)| row)))
 }
 
 pub(super) fn feature_of(geometry: &TargetGeometry, tag: &str, corner: u64) -> Option<Feature> {
@@ -136,7 +113,11 @@ pub(super) fn feature_of(geometry: &TargetGeometry, tag: &str, corner: u64) -> O
 ///
 /// # Errors
 /// When the file cannot be written; an older file then stands untouched.
-pub fn write_detections(path: &Path, layout: &Layout, rows: &[CornerRow]) -> std::io::Result<()> {
+pub fn write_detections<R: Borrow<CornerRow>>(
+    path: &Path,
+    layout: &Layout,
+    rows: impl IntoIterator<Item = R>,
+) -> std::io::Result<()> {
     write_rounded(path, layout, rows, 4)
 }
 
@@ -144,15 +125,24 @@ pub fn write_detections(path: &Path, layout: &Layout, rows: &[CornerRow]) -> std
 ///
 /// # Errors
 /// As [`write_detections`].
-pub fn write_exact_detections(path: &Path, layout: &Layout, rows: &[CornerRow]) -> std::io::Result<()> {
+pub fn write_exact_detections<R: Borrow<CornerRow>>(
+    path: &Path,
+    layout: &Layout,
+    rows: impl IntoIterator<Item = R>,
+) -> std::io::Result<()> {
     write_rounded(path, layout, rows, 10)
 }
 
-fn write_rounded(path: &Path, layout: &Layout, rows: &[CornerRow], decimals: usize) -> std::io::Result<()> {
+fn write_rounded<R: Borrow<CornerRow>>(
+    path: &Path,
+    layout: &Layout,
+    rows: impl IntoIterator<Item = R>,
+    decimals: usize,
+) -> std::io::Result<()> {
     atomic::write(path, |out| {
         writeln!(out, "{},{}", COLUMNS.join(","), COVARIANCE.join(","))?;
         for row in rows {
-            write_row(out, layout, row, decimals)?;
+            write_row(out, layout, row.borrow(), decimals)?;
         }
         Ok(())
     })

@@ -6,14 +6,15 @@
 
 pub mod atomic;
 mod cells;
+pub mod corners;
 pub mod detections;
 pub mod motion;
+mod names;
 mod swift;
 pub mod table;
 pub mod targets;
 pub mod write;
 
-use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -21,8 +22,10 @@ use crate::complaint::{Complaint, InputError};
 use crate::geometry::Pose;
 use crate::layout::{Layout, Motion};
 
-pub use detections::{CornerRow, read_detections, write_detections, write_exact_detections};
+pub use corners::{Appearance, CornerRow, Corners};
+pub use detections::{read_detections, write_detections, write_exact_detections};
 pub use motion::{FlangePoses, JointValues, read_flange_poses, read_joints};
+pub use names::Names;
 pub use targets::{ContactRow, PointRow, PoseRow, read_contacts, read_points, read_target_poses};
 
 /// Where detections go and come from unless something else is said.
@@ -66,7 +69,7 @@ pub struct Recording {
     /// One a robot, in the layout's order.
     pub motions: Vec<RobotMotion>,
     /// Corners in pictures.
-    pub corners: Vec<CornerRow>,
+    pub corners: Corners,
     /// Whole poses measured by others.
     pub poses: Vec<PoseRow>,
     /// Points.
@@ -132,13 +135,13 @@ impl Recording {
                 .into());
             }
         };
-        let several = corner_files.len() > 1;
+        let mut twice = false;
         for path in corner_files {
-            let (rows, digest) = detections::read_and_digest(&path, layout)?;
+            let (corners, digest) = detections::read_and_digest(&path, layout)?;
             if recording.corners.is_empty() {
-                recording.corners = rows;
+                recording.corners = corners;
             } else {
-                recording.corners.extend(rows);
+                twice |= recording.corners.join(&corners);
             }
             recording.digests.extend(digest.map(|digest| (path.clone(), digest)));
             recording.note(path);
@@ -158,11 +161,10 @@ impl Recording {
             recording.contacts.extend(read_contacts(&path, layout)?);
             recording.note(path);
         }
-        // Several files of one kind are one recording: their order must not matter, and none may repeat another. One file of corners is sorted already.
-        let twice = several && merge(&mut recording.corners, |a, b| a.key().cmp(&b.key()))
-            || merge(&mut recording.poses, |a, b| a.key().cmp(&b.key()))
-            || merge(&mut recording.points, |a, b| a.key().cmp(&b.key()))
-            || merge(&mut recording.contacts, |a, b| a.key().cmp(&b.key()));
+        // Several files of one kind are one recording: their order must not matter, and none may repeat another.
+        twice |= merge(&mut recording.poses, |a, b| a.key().cmp(&b.key()));
+        twice |= merge(&mut recording.points, |a, b| a.key().cmp(&b.key()));
+        twice |= merge(&mut recording.contacts, |a, b| a.key().cmp(&b.key()));
         if twice {
             return Err(Complaint::of(
                 &layout.file,
@@ -221,10 +223,7 @@ impl Recording {
 }
 
 /// Sorts rows that came from several files; says whether two are of the same thing.
-fn merge<T: Send + Sync>(rows: &mut [T], order: impl Fn(&T, &T) -> std::cmp::Ordering + Sync) -> bool {
-    if rows.par_windows(2).with_min_len(1024).all(|pair| order(&pair[0], &pair[1]).is_lt()) {
-        return false;
-    }
+fn merge<T>(rows: &mut [T], order: impl Fn(&T, &T) -> std::cmp::Ordering) -> bool {
     rows.sort_by(&order);
     rows.windows(2).any(|pair| order(&pair[0], &pair[1]).is_eq())
 }

@@ -5,10 +5,13 @@
 //! then read into one array.
 
 use rayon::prelude::*;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::cells::{cell, ends, number_at, one_of, whole};
-use super::detections::{COLUMNS, COVARIANCE, CornerRow, feature_of};
+use super::corners::{CornerRow, Corners};
+use super::detections::{COLUMNS, COVARIANCE, feature_of};
+use super::names::Names;
 use crate::geometry::{Feature, TargetGeometry};
 use crate::layout::{Layout, Target};
 
@@ -36,7 +39,7 @@ enum Column {
 }
 
 /// The rows of a file in the order of [`CornerRow::key`]; none if there is anything unusual about it.
-pub(super) fn read(bytes: &[u8], layout: &Layout) -> Option<Vec<CornerRow>> {
+pub(super) fn read(bytes: &[u8], layout: &Layout) -> Option<Corners> {
     let header_end = memchr::memchr(b'\n', bytes)? + 1;
     let columns = columns(&bytes[..header_end])?;
     let starts = starts(bytes, header_end);
@@ -61,7 +64,7 @@ pub(super) fn read(bytes: &[u8], layout: &Layout) -> Option<Vec<CornerRow>> {
             return None;
         }
     }
-    Some(rows)
+    Some(Corners::named(Arc::new(Names::of(layout)), rows.iter()))
 }
 
 /// Stands where a line could not be read; such rows are never handed out.

@@ -121,21 +121,19 @@ fn residuals(input: &ReportInput<'_>) -> Vec<Value> {
     let s = input.solved;
     let m = &s.plan.measurements;
     let mut by_camera: BTreeMap<usize, Vec<(usize, [f64; 2])>> = BTreeMap::new();
-    for (i, residual) in s.residuals.corners.iter().enumerate() {
-        let camera = input.recording.corners[m.corner_rows[i] as usize].camera;
-        if let Some(d) = residual {
-            by_camera.entry(camera).or_default().push((i, *d));
-        }
+    for (range, one) in m.appearances(0..m.corner_count()) {
+        let seen = range.filter_map(|i| Some((i, s.residuals.corners[i]?)));
+        by_camera.entry(one.camera).or_default().extend(seen);
     }
+    by_camera.retain(|_, rows| !rows.is_empty());
     by_camera
         .into_iter()
         .map(|(camera, rows)| {
             let size = s.layout.cameras[camera].intrinsics.as_ref().map_or([0, 0], |lens| lens.size());
             let shown: Vec<&(usize, [f64; 2])> =
                 spread(rows.len(), MOST_POINTS).into_iter().map(|i| &rows[i]).collect();
-            let pixel = |axis: usize| -> Vec<Value> {
-                shown.iter().map(|(i, _)| round(m.corner_pixels[*i][axis], 1)).collect()
-            };
+            let pixel =
+                |axis: usize| -> Vec<Value> { shown.iter().map(|(i, _)| round(m.pixel(*i)[axis], 1)).collect() };
             let rest = |axis: usize| -> Vec<Value> { shown.iter().map(|(_, d)| round(d[axis], 3)).collect() };
             let mut sorted: Vec<f64> = rows.iter().flat_map(|(_, d)| d.map(f64::abs)).collect();
             sorted.sort_by(f64::total_cmp);

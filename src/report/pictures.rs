@@ -22,38 +22,37 @@ const LONGEST: f64 = 0.06;
 /// A picture's corners: pixel, residual (none for a corner that was set aside).
 type Corners = Vec<([f64; 2], Option<[f64; 2]>)>;
 
+/// Camera, configuration, shot.
+type Picture = (usize, u64, u64);
+
 /// The worst pictures as HTML figures.
 pub(super) fn worst(input: &ReportInput<'_>) -> String {
     let s = input.solved;
     let m = &s.plan.measurements;
-    let mut pictures: BTreeMap<(usize, u64, u64), Corners> = BTreeMap::new();
-    for (i, row) in m.corner_rows.iter().enumerate() {
-        let corner = &input.recording.corners[*row as usize];
-        let key = (corner.camera, corner.configuration, corner.shot);
-        pictures.entry(key).or_default().push((m.corner_pixels[i], s.residuals.corners[i]));
+    let seen = || m.appearances(0..m.corner_count()).map(|(range, one)| (range, one.picture()));
+    // Of each picture: the sum of the squared residuals, and how many numbers are in it.
+    let mut pictures: BTreeMap<Picture, (f64, f64)> = BTreeMap::new();
+    for (range, picture) in seen() {
+        let sum = pictures.entry(picture).or_default();
+        for d in s.residuals.corners[range].iter().flatten() {
+            *sum = (sum.0 + (d[0] * d[0] + d[1] * d[1]), sum.1 + 2.0);
+        }
     }
-    let rms = |corners: &Corners| {
-        let kept: Vec<f64> = corners.iter().filter_map(|(_, d)| d.map(|d| d[0] * d[0] + d[1] * d[1])).collect();
-        if kept.is_empty() { 0.0 } else { (kept.iter().sum::<f64>() / (2.0 * kept.len() as f64)).sqrt() }
-    };
-    let mut order: Vec<_> = pictures.iter().map(|(key, corners)| (*key, rms(corners))).collect();
+    let rms = |(sum, count): (f64, f64)| if count == 0.0 { 0.0 } else { (sum / count).sqrt() };
+    let mut order: Vec<(Picture, f64)> = pictures.into_iter().map(|(picture, sum)| (picture, rms(sum))).collect();
     order.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
-    let mut html = String::new();
-    for ((camera, configuration, shot), rms) in order.into_iter().take(SHOWN) {
-        let corners = &pictures[&(camera, configuration, shot)];
-        html.push_str(&figure(input, camera, configuration, shot, rms, corners));
+    order.truncate(SHOWN);
+    let mut shown: BTreeMap<Picture, Corners> = order.iter().map(|(picture, _)| (*picture, Vec::new())).collect();
+    for (range, picture) in seen() {
+        if let Some(corners) = shown.get_mut(&picture) {
+            corners.extend(range.map(|i| (m.pixel(i), s.residuals.corners[i])));
+        }
     }
-    html
+    let one = |(picture, rms): &(Picture, f64)| figure(input, *picture, *rms, &shown[picture]);
+    order.iter().map(one).collect()
 }
 
-fn figure(
-    input: &ReportInput<'_>,
-    camera: usize,
-    configuration: u64,
-    shot: u64,
-    rms: f64,
-    corners: &Corners,
-) -> String {
+fn figure(input: &ReportInput<'_>, (camera, configuration, shot): Picture, rms: f64, corners: &Corners) -> String {
     let layout = &input.solved.layout;
     let (name, size) =
         (&layout.cameras[camera].name, layout.cameras[camera].intrinsics.as_ref().map(|lens| lens.size()));

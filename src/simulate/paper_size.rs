@@ -69,6 +69,5 @@ pub fn record(
             rows.extend(take(shot).into_iter().map(|row| CornerRow { shot, ..row }));
         }
     }
-    rows.sort_by(|a, b| a.key().cmp(&b.key()));
-    Recording { motions: vec![RobotMotion::Joints(joints)], corners: rows, ..Recording::default() }
+    Recording { motions: vec![RobotMotion::Joints(joints)], corners: rows.into(), ..Recording::default() }
 }

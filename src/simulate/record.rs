@@ -113,7 +113,7 @@ pub fn simulate(layout: &Layout, motions: Vec<RobotMotion>, seed: u64, noise: f6
     let disturbances = std::mem::take(&mut cell.disturbances);
     drop(cell);
     let told = knowledge::told(layout, seed);
-    let recording = Recording { corners, poses, points, ..recording };
+    let recording = Recording { corners: corners.into(), poses, points, ..recording };
     Ok(Simulated { truth, told, recording, logged, disturbances, configurations, missing, spoilt })
 }
 

@@ -1,36 +1,38 @@
 //! Sorting measurements by kind, path and configuration, before they are compiled.
 
 use nalgebra::Vector3;
-use rayon::prelude::*;
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 use super::plan::{GroupKind, PlanError};
 use super::unknowns::Unknowns;
 use crate::frames::{FrameId, FrameTree, Path, Step};
 use crate::layout::Layout;
-use crate::recording::{CornerRow, Recording};
+use crate::recording::Recording;
 
-/// Rows of one kind and path while the plan is being made: by configuration, the rows' numbers.
-pub(super) type Gathering = BTreeMap<(GroupKind, FrameId, FrameId), BTreeMap<u64, Vec<usize>>>;
+/// Rows of one kind and path while the plan is being made: by configuration, the rows' numbers, ascending.
+pub(super) type Gathering = BTreeMap<(GroupKind, FrameId, FrameId), BTreeMap<u64, Vec<Range<usize>>>>;
 
 /// All measurements by kind and path.
 pub(super) struct Gathered {
     pub(super) rows: Gathering,
-    /// Where each corner of the recording is: the frame it stands in, and its place there.
-    pub(super) located: Vec<(FrameId, Vector3<f64>)>,
+    /// By number of the corners' names: place in the frame it stands in, m.
+    pub(super) places: Vec<[f64; 3]>,
 }
 
 /// Gathers a recording.
 pub(super) fn gather(layout: &Layout, tree: &FrameTree, recording: &Recording) -> Gathered {
     let mut gathered: Gathering = BTreeMap::new();
-    let locate = |corner: &CornerRow| {
-        let located = tree.locate(layout, corner.target, &corner.feature);
-        located.unwrap_or((tree.targets[corner.target], Vector3::zeros()))
-    };
-    let located: Vec<(FrameId, Vector3<f64>)> = recording.corners.par_iter().map(locate).collect();
-    gather_corners(tree, recording, &located, &mut gathered);
+    // Each name is looked up once, however many pictures show it.
+    let located = recording.corners.names().iter().map(|(target, feature)| {
+        let located = tree.locate(layout, target, feature);
+        located.unwrap_or((tree.targets[target], Vector3::zeros()))
+    });
+    let (frames, places): (Vec<FrameId>, Vec<[f64; 3]>) =
+        located.map(|(frame, place)| (frame, <[f64; 3]>::from(place))).unzip();
+    gather_corners(tree, recording, &frames, &mut gathered);
     let mut add = |kind, from, to, configuration, row| {
-        gathered.entry((kind, from, to)).or_default().entry(configuration).or_default().push(row);
+        push(gathered.entry((kind, from, to)).or_default().entry(configuration).or_default(), row..row + 1);
     };
     for (row, pose) in recording.poses.iter().enumerate() {
         add(GroupKind::Poses, tree.cameras[pose.camera], tree.targets[pose.target], pose.configuration, row);
@@ -47,30 +49,29 @@ pub(super) fn gather(layout: &Layout, tree: &FrameTree, recording: &Recording) -
         });
         add(GroupKind::Contacts, a, b, contact.configuration, row);
     }
-    Gathered { rows: gathered, located }
+    Gathered { rows: gathered, places }
 }
 
-/// Gathers corners. Neighbouring rows are mostly of one block, which is looked up once.
-fn gather_corners(
-    tree: &FrameTree,
-    recording: &Recording,
-    located: &[(FrameId, Vector3<f64>)],
-    gathered: &mut Gathering,
-) {
-    let of = |row: usize| {
-        let corner = &recording.corners[row];
-        (
-            (GroupKind::Corners { camera: corner.camera }, tree.cameras[corner.camera], located[row].0),
-            corner.configuration,
-        )
-    };
-    let mut start = 0;
-    while start < recording.corners.len() {
-        let (key, configuration) = of(start);
-        let rest = start + 1..recording.corners.len();
-        let end = rest.clone().find(|row| of(*row) != (key, configuration)).unwrap_or(rest.end);
-        gathered.entry(key).or_default().entry(configuration).or_default().extend(start..end);
-        start = end;
+/// Gathers corners; `frames` has by number of a name the frame it stands in. Neighbouring rows are mostly of one block, which is looked up once.
+fn gather_corners(tree: &FrameTree, recording: &Recording, frames: &[FrameId], gathered: &mut Gathering) {
+    let frame = |corner: usize| frames[recording.corners.marks()[corner] as usize];
+    for one in recording.corners.appearances() {
+        let (kind, from) = (GroupKind::Corners { camera: one.camera }, tree.cameras[one.camera]);
+        let mut rows = one.corners();
+        while let Some(start) = rows.next() {
+            let to = frame(start);
+            let end = rows.clone().find(|row| frame(*row) != to).unwrap_or(rows.end);
+            push(gathered.entry((kind, from, to)).or_default().entry(one.configuration).or_default(), start..end);
+            rows.start = end;
+        }
+    }
+}
+
+/// Appends rows, to the last ones if they follow on them.
+fn push(all: &mut Vec<Range<usize>>, rows: Range<usize>) {
+    match all.last_mut().filter(|last| last.end == rows.start) {
+        Some(last) => last.end = rows.end,
+        None => all.push(rows),
     }
 }
 

@@ -7,7 +7,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::loss::Loss;
-use super::plan::Contact;
+use super::measurements::Contact;
 use crate::geometry::lens::MAX_PARAMETERS;
 use crate::geometry::{Pose, rotation};
 

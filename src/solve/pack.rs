@@ -9,7 +9,8 @@
 
 use rayon::prelude::*;
 
-use super::plan::{Block, GroupKind, Measurements, Plan};
+use super::measurements::Measurements;
+use super::plan::{Block, GroupKind, Plan};
 
 /// Numbers of one observation's pixel: u, v (px).
 pub(super) const PIXEL: usize = 2;
@@ -156,8 +157,8 @@ impl Order {
         self.counts.clear();
         self.known.iter_mut().for_each(|(_, place)| *place = ABSENT);
         let mut next = 0;
-        for i in (block.start..block.end).filter(|i| m.corner_whiteners[*i][0] != 0.0) {
-            let point = m.corner_points[i];
+        for i in (block.start..block.end).filter(|i| m.is_kept(*i)) {
+            let point = m.place(i);
             let same = |known: &([f64; 3], u32)| is_same(&known.0, &point);
             let (before, after) = self.known.split_at(next.min(self.known.len()));
             let ahead = after.iter().position(same).map(|place| before.len() + place);
@@ -209,14 +210,14 @@ impl Order {
                 put(out, &place, lanes, at, mean.pixel(), mean.weight);
             }
         } else {
-            let corners = (block.start..block.end).filter(|i| m.corner_whiteners[*i][0] != 0.0);
+            let corners = (block.start..block.end).filter(|i| m.is_kept(*i));
             for (i, &point) in corners.zip(&self.point_of) {
                 let (register, lane) = (point as usize / lanes, point as usize % lanes);
                 let before = if register == 0 { 0 } else { out.ends[place.first + register - 1] };
                 let done = &mut self.counts[point as usize][1];
                 let observation = (before + *done) as usize;
                 *done += 1;
-                put(out, &place, lanes, (observation, lane), m.corner_pixels[i], weight(m.corner_whiteners[i]));
+                put(out, &place, lanes, (observation, lane), m.pixel(i), weight(m.whitener(i)));
             }
         }
         if let Some(last) = like {
@@ -252,9 +253,9 @@ impl Order {
     fn fold(&mut self, m: &Measurements, block: &Block) -> f64 {
         self.means.clear();
         self.means.resize(self.points.len(), Mean::default());
-        let corners = || (block.start..block.end).filter(|i| m.corner_whiteners[*i][0] != 0.0).zip(&self.point_of);
+        let corners = || (block.start..block.end).filter(|i| m.is_kept(*i)).zip(&self.point_of);
         for (i, &point) in corners() {
-            self.means[point as usize].add(m.corner_pixels[i], weight(m.corner_whiteners[i]));
+            self.means[point as usize].add(m.pixel(i), weight(m.whitener(i)));
         }
         if self.point_of.len() == self.points.len() {
             return 0.0;
@@ -264,8 +265,7 @@ impl Order {
             mean.close();
         }
         for (i, &point) in corners() {
-            let ([u, v], [a, b, c], mean) =
-                (m.corner_pixels[i], m.corner_whiteners[i], self.means[point as usize].pixel());
+            let ([u, v], [a, b, c], mean) = (m.pixel(i), m.whitener(i), self.means[point as usize].pixel());
             let (du, dv) = (u - mean[0], v - mean[1]);
             let (ru, rv) = (a * du, b * du + c * dv);
             constant += ru * ru + rv * rv;

@@ -10,11 +10,12 @@ use thiserror::Error;
 use super::assemble::shape;
 use super::equations::{Equations, Solver};
 use super::gather::{Gathered, check_motion, gather, seen_unknowns};
+use super::measurements::{Contact, Measurements};
 use super::unknowns::Unknowns;
 use crate::frames::{FrameId, FrameTree, Freedom, Path, Step};
-use crate::geometry::Pose;
+use crate::geometry::Feature;
 use crate::layout::{Layout, PoseSigma, SolveSettings};
-use crate::recording::Recording;
+use crate::recording::{ContactRow, PointRow, Recording};
 
 /// A step of a path with the places of its unknowns among the path's own columns.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -80,49 +81,6 @@ pub struct Stop {
     pub robot: usize,
     /// Standard deviations of the twist.
     pub sigma: PoseSigma,
-}
-
-/// Two points at a known distance.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Contact {
-    /// The first, in the frame the path starts in, m.
-    pub a: Vector3<f64>,
-    /// The second, in the frame at the path's end, m.
-    pub b: Vector3<f64>,
-    /// m.
-    pub distance: f64,
-}
-
-/// All measurements, flat.
-#[derive(Clone, Debug, Default)]
-pub struct Measurements {
-    /// Corners: place in the frame at the path's end (m).
-    pub corner_points: Vec<[f64; 3]>,
-    /// Corners: pixel.
-    pub corner_pixels: Vec<[f64; 2]>,
-    /// Corners: `[a, b, c]` with whitened residual `(a du, b du + c dv)`; zeros for a rejected corner.
-    pub corner_whiteners: Vec<[f64; 3]>,
-    /// Corners: the row of the recording.
-    pub corner_rows: Vec<u32>,
-    /// Whole poses, `sensor_from_target`; none where rejected.
-    pub poses: Vec<Option<Pose>>,
-    /// Points: place in the frame at the path's end, and measured position in the sensor's frame (m); none where rejected.
-    pub points: Vec<Option<(Vector3<f64>, Vector3<f64>)>>,
-    /// Contacts; none where rejected.
-    pub contacts: Vec<Option<Contact>>,
-}
-
-impl Measurements {
-    /// Empty, with room for so many corners: growing would hold up to twice as much, and for a moment three times.
-    fn with_room(corners: usize) -> Self {
-        Self {
-            corner_points: Vec::with_capacity(corners),
-            corner_pixels: Vec::with_capacity(corners),
-            corner_whiteners: Vec::with_capacity(corners),
-            corner_rows: Vec::with_capacity(corners),
-            ..Self::default()
-        }
-    }
 }
 
 /// What kind of measurement a group holds; ranges of its blocks point into the arrays of that kind.
@@ -213,7 +171,7 @@ impl Plan {
     /// # Errors
     /// [`PlanError::NoMotion`] for a measurement at a configuration where a robot on its path was not recorded.
     pub fn new(layout: &Layout, tree: &FrameTree, recording: &Recording) -> Result<Self, PlanError> {
-        let Gathered { rows: gathered, located } = gather(layout, tree, recording);
+        let Gathered { rows: gathered, places } = gather(layout, tree, recording);
         let mut configurations: Vec<u64> = gathered.values().flat_map(|by| by.keys().copied()).collect();
         configurations.sort_unstable();
         configurations.dedup();
@@ -223,7 +181,7 @@ impl Plan {
         let mut plan = Self {
             configurations,
             groups: Vec::new(),
-            measurements: Measurements::with_room(recording.corners.len()),
+            measurements: Measurements::new(&recording.corners, places, layout.solve.pixel_sigma),
             unknowns,
             moving_edges: tree.moving_edges.len(),
             stops: stops(layout),
@@ -238,8 +196,8 @@ impl Plan {
             let mut blocks = Vec::with_capacity(rows.len());
             for (configuration, rows) in rows {
                 let start = plan.length(kind);
-                for row in rows {
-                    plan.store(layout, tree, recording, kind, row, &located);
+                for rows in rows {
+                    plan.store(layout, tree, recording, kind, rows);
                 }
                 let configuration = plan.configurations.binary_search(&configuration).unwrap_or(0);
                 blocks.push(Block { place: count, configuration, start, end: plan.length(kind) });
@@ -261,7 +219,7 @@ impl Plan {
     fn length(&self, kind: GroupKind) -> usize {
         let m = &self.measurements;
         match kind {
-            GroupKind::Corners { .. } => m.corner_pixels.len(),
+            GroupKind::Corners { .. } => m.corner_count(),
             GroupKind::Poses => m.poses.len(),
             GroupKind::Points => m.points.len(),
             GroupKind::Contacts => m.contacts.len(),
@@ -274,30 +232,25 @@ impl Plan {
         tree: &FrameTree,
         recording: &Recording,
         kind: GroupKind,
-        row: usize,
-        located: &[(FrameId, Vector3<f64>)],
+        rows: std::ops::Range<usize>,
     ) {
         let m = &mut self.measurements;
-        let place = |target: usize, feature| {
+        let place = |target: usize, feature: &Feature| {
             tree.locate(layout, target, feature).map_or_else(Vector3::zeros, |(_, place)| place)
         };
         match kind {
-            GroupKind::Corners { .. } => {
-                let corner = &recording.corners[row];
-                m.corner_points.push(located[row].1.into());
-                m.corner_pixels.push(corner.pixel);
-                m.corner_whiteners.push(whitener(corner.covariance, self.settings.pixel_sigma));
-                m.corner_rows.push(row as u32);
-            }
-            GroupKind::Poses => m.poses.push(Some(recording.poses[row].pose)),
+            GroupKind::Corners { .. } => m.add_corners(rows),
+            GroupKind::Poses => m.poses.extend(recording.poses[rows].iter().map(|row| Some(row.pose))),
             GroupKind::Points => {
-                let point = &recording.points[row];
-                m.points.push(Some((place(point.target, &point.feature), point.position)));
+                let point = |row: &PointRow| Some((place(row.target, &row.feature), row.position));
+                m.points.extend(recording.points[rows].iter().map(point));
             }
             GroupKind::Contacts => {
-                let contact = &recording.contacts[row];
-                let [(ta, fa), (tb, fb)] = &contact.points;
-                m.contacts.push(Some(Contact { a: place(*ta, fa), b: place(*tb, fb), distance: contact.distance }));
+                let contact = |row: &ContactRow| {
+                    let [(ta, fa), (tb, fb)] = &row.points;
+                    Some(Contact { a: place(*ta, fa), b: place(*tb, fb), distance: row.distance })
+                };
+                m.contacts.extend(recording.contacts[rows].iter().map(contact));
             }
         }
     }
@@ -368,22 +321,8 @@ impl Plan {
     /// The number of scalar measurements that have not been rejected.
     #[must_use]
     pub fn scalar_count(&self) -> usize {
-        let m = &self.measurements;
-        2 * m.corner_whiteners.iter().filter(|w| w[0] != 0.0).count()
-            + 6 * m.poses.iter().flatten().count()
-            + 3 * m.points.iter().flatten().count()
-            + m.contacts.iter().flatten().map(|contact| if contact.distance == 0.0 { 3 } else { 1 }).sum::<usize>()
+        self.measurements.scalar_count()
     }
-}
-
-/// `[a, b, c]` with `W^T W` the inverse of the covariance: the transposed inverse Cholesky factor. `floor` (px) is added in quadrature.
-fn whitener(covariance: Option<[f64; 3]>, floor: f64) -> [f64; 3] {
-    let [suu, suv, svv] = covariance.unwrap_or([0.0; 3]);
-    let (suu, svv) = (suu + floor * floor, svv + floor * floor);
-    let l11 = suu.sqrt();
-    let l21 = suv / l11;
-    let l22 = (svv - l21 * l21).max(1e-12).sqrt();
-    [1.0 / l11, -l21 / (l11 * l22), 1.0 / l22]
 }
 
 /// The robots of a layout that stop inexactly.

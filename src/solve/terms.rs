@@ -158,8 +158,8 @@ impl Assembler<'_> {
         // always the same.
         let mut by_corner: BTreeMap<[u64; 3], Vec<usize>> = BTreeMap::new();
         for i in group.blocks.iter().flat_map(|block| block.start..block.end) {
-            if m.corner_whiteners[i][0] != 0.0 {
-                by_corner.entry(m.corner_points[i].map(f64::to_bits)).or_default().push(i);
+            if m.is_kept(i) {
+                by_corner.entry(m.place(i).map(f64::to_bits)).or_default().push(i);
             }
         }
         let path = &group.compiled;
@@ -171,7 +171,7 @@ impl Assembler<'_> {
             let mut term = Term::empty(columns.clone(), indices.len());
             let at: Vec<Option<usize>> =
                 places(shape).iter().map(|place| term.columns.binary_search(&(*place)?).ok()).collect();
-            let place = Vector3::from(m.corner_points[indices[0]]);
+            let place = Vector3::from(m.place(indices[0]));
             let point: [f64; 3] = (pose * place).into();
             // Corners that cannot be seen from where the camera is were set aside.
             let Some(seen) = with_lens!(model, L => L::project_with_derivatives(lens, &point)) else { return term };
@@ -184,7 +184,7 @@ impl Assembler<'_> {
             };
             let (by_u, by_v) = (derivative(0), derivative(1));
             for i in indices {
-                let ([a, b, c], pixel) = (m.corner_whiteners[i], m.corner_pixels[i]);
+                let ([a, b, c], pixel) = (m.whitener(i), m.pixel(i));
                 let (du, dv) = (seen.pixel[0] - pixel[0], seen.pixel[1] - pixel[1]);
                 for (residual, weights) in [(a * du, [a, 0.0]), (b * du + c * dv, [b, c])] {
                     let row: Vec<f64> = by_u.iter().zip(&by_v).map(|(u, v)| weights[0] * u + weights[1] * v).collect();

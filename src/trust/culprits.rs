@@ -12,7 +12,7 @@ use super::lines::wrong_lines;
 use super::sightings::{Sighting, between};
 use super::undetermined::Evidence;
 use crate::geometry::{Feature, Pattern, TargetGeometry};
-use crate::recording::CornerRow;
+use crate::recording::Appearance;
 use crate::solve::GroupKind;
 
 /// A corner this near (px) to a place belongs there, if the fit is better than that.
@@ -25,7 +25,10 @@ pub(super) const TOLD: usize = 3;
 
 /// One tag or board in one picture.
 struct Thing<'a> {
-    rows: Vec<&'a CornerRow>,
+    /// The target in the picture.
+    of: &'a Appearance,
+    /// Its corners, as the recording numbers them.
+    rows: Vec<usize>,
     /// How far each corner is from where the solution has it, px; none if the camera could not see it there.
     off: Vec<Option<f64>>,
     /// Which corners were set aside.
@@ -38,13 +41,22 @@ impl Thing<'_> {
         self.aside.iter().all(|aside| *aside)
     }
 
+    /// Its first corner, as the recording has it.
+    fn first<'a>(&self, evidence: &Evidence<'a>) -> &'a Feature {
+        evidence.recording.corners.feature(self.rows[0])
+    }
+
+    /// Its corners: row of the recording, and what it was read as.
+    fn features<'a>(&self, evidence: &Evidence<'a>) -> impl Iterator<Item = (usize, &'a Feature)> {
+        self.rows.iter().map(|row| (*row, evidence.recording.corners.feature(*row)))
+    }
+
     fn name(&self, evidence: &Evidence<'_>) -> String {
-        name(evidence, self.rows[0].target, &self.rows[0].feature)
+        name(evidence, self.of.target, self.first(evidence))
     }
 
     fn picture(&self, evidence: &Evidence<'_>) -> String {
-        let row = self.rows[0];
-        format!("configuration {} of `{}`", row.configuration, evidence.layout.cameras[row.camera].name)
+        format!("configuration {} of `{}`", self.of.configuration, evidence.layout.cameras[self.of.camera].name)
     }
 }
 
@@ -71,8 +83,7 @@ impl Cases {
         if self.told.len() < TOLD {
             self.told.push(words);
         }
-        let row = thing.rows[0];
-        self.pictures.insert((row.camera, row.configuration, row.shot));
+        self.pictures.insert(thing.of.picture());
         *self.things.entry(thing.name(evidence)).or_default() += 1;
         self.count += 1;
     }
@@ -105,8 +116,7 @@ pub fn culprits(evidence: &Evidence<'_>, sightings: &[Vec<Sighting>], rms_px: Op
     let pictures = wrong_pictures(evidence, &things, &bad_lines, near);
     let [mut wrong, mut flipped, mut dragged, mut other] = std::array::from_fn(|_| Cases::default());
     for thing in things.iter().filter(|thing| thing.aside.contains(&true)) {
-        let row = thing.rows[0];
-        if bad_lines.contains(&thing.configuration) || pictures.1.contains(&(row.camera, row.configuration, row.shot)) {
+        if bad_lines.contains(&thing.configuration) || pictures.1.contains(&thing.of.picture()) {
             continue;
         }
         let (whole, picture) = (thing.name(evidence), thing.picture(evidence));
@@ -185,29 +195,33 @@ fn mean(off: &[Option<f64>]) -> f64 {
     if known.is_empty() { f64::INFINITY } else { known.iter().sum::<f64>() / known.len() as f64 }
 }
 
+/// Camera, configuration, shot, target.
+type AppearanceKey = (usize, u64, u64, usize);
+
 /// All tags and boards in all pictures.
 fn things<'a>(evidence: &Evidence<'a>) -> Vec<Thing<'a>> {
     let m = &evidence.plan.measurements;
-    let mut things: BTreeMap<(usize, u64, u64, usize, Option<u32>), Thing<'a>> = BTreeMap::new();
+    let mut things: BTreeMap<(AppearanceKey, Option<u32>), Thing<'a>> = BTreeMap::new();
     for (group, poses) in evidence.plan.groups.iter().zip(evidence.poses) {
         let GroupKind::Corners { camera } = group.kind else { continue };
         let Some(lens) = &evidence.layout.cameras[camera].intrinsics else { continue };
         let lens = lens.with_parameters(evidence.state.lenses[camera]);
         for (block, pose) in group.blocks.iter().zip(poses) {
-            for i in block.start..block.end {
-                let row = &evidence.recording.corners[m.corner_rows[i] as usize];
-                let at = lens.project(&(*pose * Vector3::from(m.corner_points[i])));
-                let off = at.map(|at| (at.x - row.pixel[0]).hypot(at.y - row.pixel[1]));
-                let key = (camera, row.configuration, row.shot, row.target, tag_of(&row.feature));
+            let appearances = m.appearances(block.start..block.end);
+            for (i, of) in appearances.flat_map(|(range, of)| range.map(move |i| (i, of))) {
+                let at = lens.project(&(*pose * Vector3::from(m.place(i))));
+                let off = at.map(|at| (at.x - m.pixel(i)[0]).hypot(at.y - m.pixel(i)[1]));
+                let key = (of.key(), tag_of(m.feature(i)));
                 let thing = things.entry(key).or_insert_with(|| Thing {
+                    of,
                     rows: Vec::new(),
                     off: Vec::new(),
                     aside: Vec::new(),
                     configuration: block.configuration,
                 });
-                thing.rows.push(row);
+                thing.rows.push(m.row(i));
                 thing.off.push(off);
-                thing.aside.push(m.corner_whiteners[i][0] == 0.0);
+                thing.aside.push(!m.is_kept(i));
             }
         }
     }
@@ -243,16 +257,19 @@ fn expected(
     Some([at.x, at.y])
 }
 
-/// Mean distance (px) of measured corners from where features of another place or time would be; none if one cannot be seen.
-fn apart<'a>(
+/// Mean distance (px) of measured corners of a camera (rows of the recording) from where features of another place or time would be; none if one
+/// cannot be seen.
+fn apart(
     evidence: &Evidence<'_>,
-    rows: impl Iterator<Item = (&'a CornerRow, usize, Feature)>,
+    camera: usize,
+    rows: impl Iterator<Item = (usize, usize, Feature)>,
     configuration: usize,
 ) -> Option<f64> {
     let (mut sum, mut count) = (0.0, 0);
     for (row, target, feature) in rows {
-        let at = expected(evidence, row.camera, target, &feature, configuration)?;
-        sum += (at[0] - row.pixel[0]).hypot(at[1] - row.pixel[1]);
+        let at = expected(evidence, camera, target, &feature, configuration)?;
+        let pixel = evidence.recording.corners.pixels()[row];
+        sum += (at[0] - pixel[0]).hypot(at[1] - pixel[1]);
         count += 1;
     }
     (count > 0).then(|| sum / f64::from(count))
@@ -260,10 +277,10 @@ fn apart<'a>(
 
 /// Whether a tag is turned by a quarter or more, or a board by a half: the distance in the best other order.
 fn begins_elsewhere(evidence: &Evidence<'_>, thing: &Thing<'_>) -> Option<f64> {
-    let row = thing.rows[0];
+    let target = thing.of.target;
     // Other first corners of a tag; a board's last corner in the place of its first.
-    let geometry = &evidence.layout.targets[row.target].geometry;
-    let orders: u8 = match (&row.feature, geometry) {
+    let geometry = &evidence.layout.targets[target].geometry;
+    let orders: u8 = match (thing.first(evidence), geometry) {
         (Feature::TagCorner(..), _) if thing.rows.len() == 4 => 3,
         (Feature::BoardCorner(_), TargetGeometry::Board { .. }) => 1,
         _ => return None,
@@ -280,33 +297,33 @@ fn begins_elsewhere(evidence: &Evidence<'_>, thing: &Thing<'_>) -> Option<f64> {
         return None;
     }
     let best = (1..=orders).filter_map(|order| {
-        let rows = thing.rows.iter().map(|row| (*row, row.target, ordered(order, &row.feature)));
-        apart(evidence, rows, thing.configuration)
+        let rows = thing.features(evidence).map(|(row, feature)| (row, target, ordered(order, feature)));
+        apart(evidence, thing.of.camera, rows, thing.configuration)
     });
     best.reduce(f64::min)
 }
 
 /// The tag of the cell at whose place a tag was seen.
 fn read_as_another(evidence: &Evidence<'_>, thing: &Thing<'_>) -> Option<(String, f64)> {
-    let row = thing.rows[0];
-    let own = tag_of(&row.feature)?;
-    let family_here = family(evidence, row.target)?;
+    let (first, here) = (thing.first(evidence), thing.of.target);
+    let own = tag_of(first)?;
+    let family_here = family(evidence, here)?;
     let mut best: Option<(String, f64)> = None;
     for (target, other) in evidence.layout.targets.iter().enumerate() {
         let TargetGeometry::Tags(faces) = &other.geometry else { continue };
         if family(evidence, target) != Some(family_here) {
             continue;
         }
-        for face in faces.iter().filter(|face| (target, face.id) != (row.target, own)) {
+        for face in faces.iter().filter(|face| (target, face.id) != (here, own)) {
             let there = |feature: &Feature| match feature {
                 Feature::TagCorner(_, corner) => Feature::TagCorner(face.id, *corner),
                 other => other.clone(),
             };
-            let rows = thing.rows.iter().map(|row| (*row, target, there(&row.feature)));
-            if let Some(apart) = apart(evidence, rows, thing.configuration)
+            let rows = thing.features(evidence).map(|(row, feature)| (row, target, there(feature)));
+            if let Some(apart) = apart(evidence, thing.of.camera, rows, thing.configuration)
                 && best.as_ref().is_none_or(|(_, known)| apart < *known)
             {
-                best = Some((name(evidence, target, &there(&row.feature)), apart));
+                best = Some((name(evidence, target, &there(first)), apart));
             }
         }
     }
@@ -322,8 +339,7 @@ fn wrong_pictures(
 ) -> (Vec<Fault>, BTreeSet<(usize, u64, u64)>) {
     let mut pictures: BTreeMap<(usize, u64, u64), Vec<&Thing<'_>>> = BTreeMap::new();
     for thing in things.iter().filter(|thing| !bad_lines.contains(&thing.configuration)) {
-        let row = thing.rows[0];
-        pictures.entry((row.camera, row.configuration, row.shot)).or_default().push(thing);
+        pictures.entry(thing.of.picture()).or_default().push(thing);
     }
     let (mut shown, mut found) = (BTreeMap::<usize, Vec<(u64, u64, String)>>::new(), BTreeSet::new());
     for (picture, things) in pictures {
@@ -331,23 +347,28 @@ fn wrong_pictures(
         let moving: Vec<&&Thing<'_>> = things
             .iter()
             .filter(|thing| {
-                let from = evidence.tree.cameras[thing.rows[0].camera];
-                evidence
-                    .tree
-                    .locate(evidence.layout, thing.rows[0].target, &thing.rows[0].feature)
-                    .is_some_and(|(to, _)| !evidence.tree.path(from, to).is_static())
+                let from = evidence.tree.cameras[thing.of.camera];
+                let located = evidence.tree.locate(evidence.layout, thing.of.target, thing.first(evidence));
+                located.is_some_and(|(to, _)| !evidence.tree.path(from, to).is_static())
             })
             .collect();
         if moving.is_empty() || !moving.iter().all(|thing| thing.wholly_aside()) {
             continue;
         }
-        let rows =
-            || moving.iter().flat_map(|thing| thing.rows.iter().map(|row| (*row, row.target, row.feature.clone())));
+        let rows = || {
+            let of = |thing: &&&Thing<'_>| {
+                let target = thing.of.target;
+                thing.features(evidence).map(move |(row, feature)| (row, target, feature.clone())).collect::<Vec<_>>()
+            };
+            moving.iter().flat_map(of)
+        };
+        let camera = picture.0;
         let own = moving[0].configuration;
         let others = (0..evidence.plan.configurations.len()).filter(|c| *c != own);
-        let best = others.filter_map(|c| Some((c, apart(evidence, rows(), c)?))).min_by(|a, b| a.1.total_cmp(&b.1));
+        let best =
+            others.filter_map(|c| Some((c, apart(evidence, camera, rows(), c)?))).min_by(|a, b| a.1.total_cmp(&b.1));
         let Some((other, apart_there)) = best.filter(|(_, apart)| *apart < near) else { continue };
-        let own_apart = apart(evidence, rows(), own).unwrap_or(f64::INFINITY);
+        let own_apart = apart(evidence, camera, rows(), own).unwrap_or(f64::INFINITY);
         found.insert(picture);
         let words =
             format!("its corners are {apart_there:.1} px from where they were there, {own_apart:.0} px from here");

@@ -177,11 +177,11 @@ fn corners(evidence: &Evidence<'_>, camera: usize, range: std::ops::Range<usize>
         let size = 7 + <L as Lens>::COUNT;
         out.size = size;
         for i in range {
-            let [a, b, c] = m.corner_whiteners[i];
-            let place = Vector3::from(m.corner_points[i]);
+            let [a, b, c] = m.whitener(i);
+            let place = Vector3::from(m.place(i));
             let seen = L::project_with_derivatives(parameters, &(*pose * place).into());
             let (true, Some(at)) = (a != 0.0, seen) else { continue };
-            let off = [at.pixel[0] - m.corner_pixels[i][0], at.pixel[1] - m.corner_pixels[i][1]];
+            let off = [at.pixel[0] - m.pixel(i)[0], at.pixel[1] - m.pixel(i)[1]];
             for [wu, wv] in [[a, 0.0], [b, c]] {
                 let along = turn * (Vector3::from(at.by_point[0]) * wu + Vector3::from(at.by_point[1]) * wv);
                 let about = place.cross(&along);

@@ -144,7 +144,7 @@ fn mostly_aside(evidence: &Evidence<'_>, robot: usize, configuration: usize) -> 
             all += block.end - block.start;
             let range = block.start..block.end;
             aside += match group.kind {
-                GroupKind::Corners { .. } => m.corner_whiteners[range].iter().filter(|w| w[0] == 0.0).count(),
+                GroupKind::Corners { .. } => range.filter(|i| !m.is_kept(*i)).count(),
                 GroupKind::Poses => m.poses[range].iter().filter(|pose| pose.is_none()).count(),
                 GroupKind::Points => m.points[range].iter().filter(|point| point.is_none()).count(),
                 GroupKind::Contacts => m.contacts[range].iter().filter(|contact| contact.is_none()).count(),

@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 
 use super::residuals::Residuals;
 use crate::layout::Layout;
-use crate::recording::Recording;
 use crate::solve::{GroupKind, Plan};
 
 /// A residual this many times the bulk's scale is set aside. Of a two-dimensional Gaussian four in a million lie beyond; what real cells show there is
@@ -48,14 +47,16 @@ pub struct Tally {
 
 /// Counts corners by camera and target, in the order of the layout.
 #[must_use]
-pub fn tally(layout: &Layout, recording: &Recording, plan: &Plan, residuals: &Residuals) -> Vec<Tally> {
+pub fn tally(layout: &Layout, plan: &Plan, residuals: &Residuals) -> Vec<Tally> {
     let mut counts: BTreeMap<(usize, usize), (usize, usize, f64)> = BTreeMap::new();
-    for (row, residual) in plan.measurements.corner_rows.iter().zip(&residuals.corners) {
-        let corner = &recording.corners[*row as usize];
-        let count = counts.entry((corner.camera, corner.target)).or_default();
-        match residual {
-            Some([u, v]) => *count = (count.0 + 1, count.1, count.2 + u * u + v * v),
-            None => count.1 += 1,
+    let m = &plan.measurements;
+    for (range, one) in m.appearances(0..m.corner_count()) {
+        let count = counts.entry((one.camera, one.target)).or_default();
+        for residual in &residuals.corners[range] {
+            match residual {
+                Some([u, v]) => *count = (count.0 + 1, count.1, count.2 + u * u + v * v),
+                None => count.1 += 1,
+            }
         }
     }
     let one = |((camera, target), (accepted, rejected, sum)): ((usize, usize), (usize, usize, f64))| Tally {
@@ -101,8 +102,8 @@ pub fn reject(plan: &mut Plan, residuals: &Residuals) -> Rejected {
         let own = if own.len() < FEW { limit_px } else { limit(own, MEDIANS[1]) };
         let most = own.clamp(limit_px, WIDER * WIDER * limit_px);
         for i in indices() {
-            if m.corner_whiteners[i][0] != 0.0 && corners[i] > most {
-                m.corner_whiteners[i] = [0.0; 3];
+            if m.is_kept(i) && corners[i] > most {
+                m.set_aside(i);
                 found.corners += 1;
             }
         }
@@ -152,9 +153,10 @@ fn seen<T>(squared: &[f64], of: &[Option<T>]) -> Vec<f64> {
 /// Sets aside corners that the camera could not see from where it was found to be: a misread id, not a measurement.
 pub fn reject_unseen(plan: &mut Plan, residuals: &Residuals) -> Rejected {
     let mut found = Rejected::default();
-    for (whitener, seen) in plan.measurements.corner_whiteners.iter_mut().zip(&residuals.corners) {
-        if whitener[0] != 0.0 && seen.is_none() {
-            *whitener = [0.0; 3];
+    let m = &mut plan.measurements;
+    for (i, seen) in residuals.corners.iter().enumerate() {
+        if m.is_kept(i) && seen.is_none() {
+            m.set_aside(i);
             found.corners += 1;
         }
     }

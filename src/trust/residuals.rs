@@ -60,11 +60,11 @@ fn root_mean_square(squares: impl Iterator<Item = f64>, each: f64) -> Option<f64
 pub fn residuals(layout: &Layout, plan: &Plan, state: &State, poses: &[Vec<Pose>], loss: Loss) -> Residuals {
     let m = &plan.measurements;
     let mut all = Residuals {
-        corners: vec![None; m.corner_pixels.len()],
+        corners: vec![None; m.corner_count()],
         poses: vec![None; m.poses.len()],
         points: vec![None; m.points.len()],
         contacts: vec![None; m.contacts.len()],
-        whitened: [m.corner_pixels.len(), 2 * m.poses.len(), m.points.len(), m.contacts.len()].map(|n| vec![0.0; n]),
+        whitened: [m.corner_count(), 2 * m.poses.len(), m.points.len(), m.contacts.len()].map(|n| vec![0.0; n]),
         weighted_sum: 0.0,
     };
     for (group, poses) in plan.groups.iter().zip(poses) {
@@ -72,15 +72,15 @@ pub fn residuals(layout: &Layout, plan: &Plan, state: &State, poses: &[Vec<Pose>
             for i in block.start..block.end {
                 match group.kind {
                     GroupKind::Corners { camera } => {
-                        let [a, b, c] = m.corner_whiteners[i];
+                        let [a, b, c] = m.whitener(i);
                         let model =
                             layout.cameras[camera].intrinsics.as_ref().map_or(LensModel::Pinhole, |x| x.model());
-                        let point: [f64; 3] = (*pose * nalgebra::Vector3::from(m.corner_points[i])).into();
+                        let point: [f64; 3] = (*pose * nalgebra::Vector3::from(m.place(i))).into();
                         let projected = with_lens!(model, L => L::project(&state.lenses[camera], &point));
                         if a != 0.0
                             && let Some(pixel) = projected
                         {
-                            let d = [pixel[0] - m.corner_pixels[i][0], pixel[1] - m.corner_pixels[i][1]];
+                            let d = [pixel[0] - m.pixel(i)[0], pixel[1] - m.pixel(i)[1]];
                             let (u, v) = (a * d[0], b * d[0] + c * d[1]);
                             all.corners[i] = Some(d);
                             all.whitened[0][i] = u * u + v * v;

@@ -74,11 +74,14 @@ fn corners(
     let Some(lens) = &evidence.layout.cameras[camera].intrinsics else { return Vec::new() };
     let size = lens.size().map(f64::from);
     let m = &evidence.plan.measurements;
-    let row = |i: usize| &evidence.recording.corners[m.corner_rows[i] as usize];
-    let key = |i: usize| (row(i).shot, tag_of(&row(i).feature));
+    let tag = |i: usize| tag_of(m.feature(i));
     let still = group.path.is_static();
     let indices: Vec<usize> = (block.start..block.end).collect();
-    let things = indices.chunk_by(|a, b| key(*a) == key(*b));
+    // One appearance is one target in one picture.
+    let appearances = m.appearances(block.start..block.end).map(|(range, _)| range);
+    let things = appearances.flat_map(|range| {
+        indices[range.start - block.start..range.end - block.start].chunk_by(|a, b| tag(*a) == tag(*b))
+    });
     things
         .filter_map(|thing| {
             let kept: Vec<(usize, Vector2<f64>)> =
@@ -88,17 +91,16 @@ fn corners(
             }
             let count = kept.len() as f64;
             let mean: Vector2<f64> = kept.iter().map(|(_, d)| d).sum::<Vector2<f64>>() / count;
-            let centre = kept.iter().map(|(i, _)| Vector2::from(m.corner_pixels[*i])).sum::<Vector2<f64>>() / count;
+            let centre = kept.iter().map(|(i, _)| Vector2::from(m.pixel(*i))).sum::<Vector2<f64>>() / count;
             let pull = kept.iter().map(|(i, d)| {
-                let out = Vector2::from(m.corner_pixels[*i]) - centre;
+                let out = Vector2::from(m.pixel(*i)) - centre;
                 out.try_normalize(1e-6).map_or(0.0, |out| out.dot(d))
             });
-            let points: Vec<Vector3<f64>> =
-                kept.iter().map(|(i, _)| *pose * Vector3::from(m.corner_points[*i])).collect();
+            let points: Vec<Vector3<f64>> = kept.iter().map(|(i, _)| *pose * Vector3::from(m.place(*i))).collect();
             let middle = points.iter().sum::<Vector3<f64>>() / count;
             let normal = (points[1] - points[0]).cross(&(points[kept.len() - 1] - points[0]));
             let angle = normal.try_normalize(1e-12).map(|n| n.dot(&middle.normalize()).abs().min(1.0).acos());
-            let cluster = if still { key(thing[0]).1 << 32 } else { block.configuration as u64 };
+            let cluster = if still { tag(thing[0]) << 32 } else { block.configuration as u64 };
             Some(Response {
                 camera,
                 pose: false,

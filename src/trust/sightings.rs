@@ -54,11 +54,11 @@ fn sighting(evidence: &Evidence<'_>, group: &Group, block: &Block) -> Option<Sig
         GroupKind::Corners { camera } => {
             let lens = evidence.layout.cameras[camera].intrinsics.clone()?;
             let lens = lens.with_parameters(evidence.state.lenses[camera]);
-            let shot = |i: usize| evidence.recording.corners[m.corner_rows[i] as usize].shot;
             let (mut points, mut image) = (Vec::new(), Vec::new());
-            for i in (block.start..block.end).take_while(|i| shot(*i) == shot(block.start)) {
-                if let Ok(ideal) = lens.undistort(&Vector2::from(m.corner_pixels[i])) {
-                    points.push(Vector3::from(m.corner_points[i]));
+            // The first picture speaks for all of one configuration.
+            for i in m.appearances(block.start..block.end).next()?.0 {
+                if let Ok(ideal) = lens.undistort(&Vector2::from(m.pixel(i))) {
+                    points.push(Vector3::from(m.place(i)));
                     image.push(ideal);
                 }
             }

@@ -306,8 +306,8 @@ pub(super) fn faces_flat_targets_only(evidence: &Evidence<'_>, wanted: usize) ->
             continue;
         }
         for (block, pose) in group.blocks.iter().zip(poses) {
-            let points = &evidence.plan.measurements.corner_points[block.start..block.end];
-            let depths = points.iter().map(|p| (*pose * nalgebra::Vector3::from(*p)).z);
+            let place = |i: usize| nalgebra::Vector3::from(evidence.plan.measurements.place(i));
+            let depths = (block.start..block.end).map(|i| (*pose * place(i)).z);
             let (low, high) = depths.fold((f64::MAX, f64::MIN), |(low, high), z| (low.min(z), high.max(z)));
             reliefs.push((high - low) / (0.5 * (high + low)).abs().max(f64::MIN_POSITIVE));
         }

@@ -45,7 +45,7 @@ pub(super) struct Explained {
 /// Share of the measurements that were set aside.
 pub(super) fn aside(solved: &Solved) -> f64 {
     let m = &solved.plan.measurements;
-    let all = m.corner_rows.len() + m.poses.len() + m.points.len() + m.contacts.len();
+    let all = m.corner_count() + m.poses.len() + m.points.len() + m.contacts.len();
     let aside = solved.rejected.total() - solved.rejected.unplaced;
     aside as f64 / all.max(1) as f64
 }
@@ -65,10 +65,9 @@ fn misfit(solved: &Solved, recording: &Recording) -> f64 {
         let Some(lens) = &solved.layout.cameras[camera].intrinsics else { continue };
         let lens = lens.with_parameters(solved.state.lenses[camera]);
         for (block, pose) in group.blocks.iter().zip(&poses) {
-            for i in (block.start..block.end).filter(|i| m.corner_whiteners[*i][0] == 0.0) {
-                let at = lens.project(&(*pose * Vector3::from(m.corner_points[i])));
-                let off = at
-                    .map_or(most, |at| (at - Vector2::from(m.corner_pixels[i])).norm_squared() / s.pixel_sigma.powi(2));
+            for i in (block.start..block.end).filter(|i| !m.is_kept(*i)) {
+                let at = lens.project(&(*pose * Vector3::from(m.place(i))));
+                let off = at.map_or(most, |at| (at - Vector2::from(m.pixel(i))).norm_squared() / s.pixel_sigma.powi(2));
                 sum += off.min(most);
             }
         }

@@ -83,8 +83,13 @@ pub(super) fn shifted_logs(case: &Case<'_>, evidence: &Evidence<'_>, seen: &[Vec
 
 pub(super) fn swapped_cameras(case: &Case<'_>) -> Vec<Explained> {
     let (solved, thin) = (case.solved, &case.thin);
-    let cameras: BTreeSet<usize> =
-        thin.corners.iter().map(|row| row.camera).chain(thin.poses.iter().map(|row| row.camera)).collect();
+    let cameras: BTreeSet<usize> = thin
+        .corners
+        .appearances()
+        .iter()
+        .map(|one| one.camera)
+        .chain(thin.poses.iter().map(|row| row.camera))
+        .collect();
     let cameras: Vec<usize> = cameras.into_iter().collect();
     let pairs = cameras.iter().enumerate().flat_map(|(i, a)| cameras[i + 1..].iter().map(move |b| (*a, *b)));
     let mut all = Vec::new();

@@ -5,7 +5,6 @@
 //! picture's own pose is a few Gauss-Newton steps away, without the two-fold ambiguity of a plane.
 
 use nalgebra::{Matrix6, Vector3, Vector6};
-use std::collections::BTreeMap;
 
 use super::place::Places;
 use crate::frames::FrameId;
@@ -47,13 +46,9 @@ pub(crate) fn sights(places: &Places<'_>) -> Vec<Sight> {
             let sight = |measured: Pose, turned| Sight { by, of, configuration, measured, computed, turned };
             match group.kind {
                 GroupKind::Corners { camera } => {
-                    let mut shots: BTreeMap<u64, Vec<usize>> = BTreeMap::new();
-                    for i in (block.start..block.end).filter(|i| m.corner_whiteners[*i][0] != 0.0) {
-                        let row = &places.recording.corners[m.corner_rows[i] as usize];
-                        shots.entry(row.shot).or_default().push(i);
-                    }
-                    for corners in shots.values() {
-                        if let Some(pose) = own_pose(places, camera, corners, sensor_from_target) {
+                    for (range, _) in m.appearances(block.start..block.end) {
+                        let corners: Vec<usize> = range.filter(|i| m.is_kept(*i)).collect();
+                        if let Some(pose) = own_pose(places, camera, &corners, sensor_from_target) {
                             all.push(sight(world_from_sensor * pose, true));
                         }
                     }
@@ -91,14 +86,14 @@ fn own_pose(places: &Places<'_>, camera: usize, corners: &[usize], start: &Pose)
         let (mut hessian, mut gradient) = (Matrix6::zeros(), Vector6::zeros());
         let turn = pose.rotation_matrix().transpose();
         for &i in corners {
-            let place = Vector3::from(m.corner_points[i]);
+            let place = Vector3::from(m.place(i));
             let point: [f64; 3] = (pose * place).into();
             let projection = with_lens!(model, L => L::project_with_derivatives(lens, &point))?;
             for axis in 0..2 {
                 let along = turn * Vector3::from(projection.by_point[axis]);
                 let about = place.cross(&along);
                 let row = Vector6::new(along.x, along.y, along.z, about.x, about.y, about.z);
-                let residual = projection.pixel[axis] - m.corner_pixels[i][axis];
+                let residual = projection.pixel[axis] - m.pixel(i)[axis];
                 hessian += row * row.transpose();
                 gradient += row * residual;
             }

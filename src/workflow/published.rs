@@ -3,13 +3,12 @@
 
 use nalgebra::{Vector2, Vector3};
 use rayon::prelude::*;
-use std::collections::BTreeMap;
 
 use crate::geometry::{Feature, Pose, TargetGeometry};
 use crate::identify::{FreeIdentification, Sample, free};
 use crate::initialise::poses_from_points;
 use crate::layout::Layout;
-use crate::recording::{CornerRow, Recording};
+use crate::recording::{Appearance, Corners, Recording};
 
 /// A single flat tag has two poses that fit it about equally; two tags of a solid board have one.
 const FEWEST_CORNERS: usize = 8;
@@ -68,30 +67,36 @@ pub fn boards(layout: &Layout) -> Option<Boards> {
 /// The method's measurements with their configurations: the tool board's place on the world board wherever one picture of a camera shows both.
 #[must_use]
 pub fn samples(layout: &Layout, recording: &Recording, robot: usize, world: usize, tool: usize) -> Vec<(u64, Sample)> {
-    let mut pictures: BTreeMap<(usize, u64, u64), Vec<&CornerRow>> = BTreeMap::new();
-    for row in &recording.corners {
-        pictures.entry((row.camera, row.configuration, row.shot)).or_default().push(row);
-    }
-    let sample = |((camera, configuration, _), rows): (&(usize, u64, u64), &Vec<&CornerRow>)| {
-        let camera_from_world = board(layout, *camera, world, rows)?;
-        let camera_from_tool = board(layout, *camera, tool, rows)?;
+    let appearances = recording.corners.appearances();
+    // Neighbours are of one picture, in the order of cameras, configurations and shots.
+    let pictures: Vec<&[Appearance]> = appearances.chunk_by(|a, b| a.picture() == b.picture()).collect();
+    let sample = |picture: &&[Appearance]| {
+        let (camera, configuration) = (picture[0].camera, picture[0].configuration);
+        let board = |target: usize| {
+            let one = picture.iter().find(|one| one.target == target)?;
+            board(layout, camera, target, &recording.corners, one)
+        };
+        let (camera_from_world, camera_from_tool) = (board(world)?, board(tool)?);
         let world_point = camera_from_world.inverse() * camera_from_tool.translation;
-        let base_from_flange = recording.base_from_flange(layout, robot, *configuration)?;
-        Some((*configuration, Sample { base_from_flange, world_point }))
+        let base_from_flange = recording.base_from_flange(layout, robot, configuration)?;
+        Some((configuration, Sample { base_from_flange, world_point }))
     };
     pictures.par_iter().map(sample).collect::<Vec<_>>().into_iter().flatten().collect()
 }
 
 /// `camera_from_target` from one picture.
-fn board(layout: &Layout, camera: usize, target: usize, rows: &[&CornerRow]) -> Option<Pose> {
+fn board(layout: &Layout, camera: usize, target: usize, corners: &Corners, seen: &Appearance) -> Option<Pose> {
     let intrinsics = layout.cameras[camera].intrinsics.as_ref()?;
     let geometry = &layout.targets[target].geometry;
     let mut points: Vec<Vector3<f64>> = Vec::new();
     let mut image: Vec<Vector2<f64>> = Vec::new();
-    for row in rows.iter().filter(|row| row.target == target && !matches!(row.feature, Feature::Point(_))) {
-        if let (Some(place), Ok(ideal)) =
-            (geometry.place(&row.feature), intrinsics.undistort(&Vector2::from(row.pixel)))
-        {
+    for corner in seen.corners() {
+        let feature = corners.feature(corner);
+        if let (Some(place), Ok(ideal), false) = (
+            geometry.place(feature),
+            intrinsics.undistort(&Vector2::from(corners.pixels()[corner])),
+            matches!(feature, Feature::Point(_)),
+        ) {
             points.push(place);
             image.push(ideal);
         }

@@ -18,7 +18,7 @@ pub(super) enum Sizes {
 
 /// At most so many configurations, spread evenly, and one shot at each.
 pub(super) fn thin(recording: &Recording, most: usize) -> Recording {
-    let mut ids: Vec<u64> = recording.corners.iter().map(|row| row.configuration).collect();
+    let mut ids: Vec<u64> = recording.corners.appearances().iter().map(|one| one.configuration).collect();
     ids.extend(recording.poses.iter().map(|row| row.configuration));
     ids.extend(recording.points.iter().map(|row| row.configuration));
     ids.extend(recording.contacts.iter().map(|row| row.configuration));
@@ -29,13 +29,13 @@ pub(super) fn thin(recording: &Recording, most: usize) -> Recording {
     let wanted = |id: u64| kept.binary_search(&id).is_ok();
     let mut thin = recording.clone();
     let mut shots: BTreeMap<(usize, u64), u64> = BTreeMap::new();
-    let seen = recording.corners.iter().map(|row| (row.camera, row.configuration, row.shot));
+    let seen = recording.corners.appearances().iter().map(|one| one.picture());
     for (camera, id, shot) in seen.chain(recording.poses.iter().map(|row| (row.camera, row.configuration, row.shot))) {
         let first = shots.entry((camera, id)).or_insert(shot);
         *first = shot.min(*first);
     }
     let first = |camera: usize, id: u64, shot: u64| wanted(id) && shots.get(&(camera, id)) == Some(&shot);
-    thin.corners.retain(|row| first(row.camera, row.configuration, row.shot));
+    thin.corners.retain(|one| first(one.camera, one.configuration, one.shot));
     thin.poses.retain(|row| first(row.camera, row.configuration, row.shot));
     thin.points.retain(|row| wanted(row.configuration));
     thin.contacts.retain(|row| wanted(row.configuration));
@@ -56,8 +56,10 @@ pub(super) fn without(
     let mut left = recording.clone();
     let mut known: BTreeMap<(FrameId, FrameId), bool> = BTreeMap::new();
     let mut crosses = |from, to| *known.entry((from, to)).or_insert_with(|| crosses(from, to));
-    left.corners
-        .retain(|row| !(at(row.configuration) && crosses(tree.cameras[row.camera], frame(row.target, &row.feature))));
+    let corners = recording.corners.clone();
+    left.corners.retain_each(|one, corner| {
+        !(at(one.configuration) && crosses(tree.cameras[one.camera], frame(one.target, corners.feature(corner))))
+    });
     left.poses.retain(|row| !(at(row.configuration) && crosses(tree.cameras[row.camera], tree.targets[row.target])));
     left.points
         .retain(|row| !(at(row.configuration) && crosses(tree.sensors[row.sensor], frame(row.target, &row.feature))));
@@ -105,9 +107,8 @@ pub(super) fn exchange_cameras(recording: &Recording, a: usize, b: usize) -> Rec
         _ => camera,
     };
     let mut mended = recording.clone();
-    mended.corners.iter_mut().for_each(|row| row.camera = other(row.camera));
+    mended.corners = recording.corners.with_cameras(other);
     mended.poses.iter_mut().for_each(|row| row.camera = other(row.camera));
-    mended.corners.sort_by(|a, b| a.key().cmp(&b.key()));
     mended.poses.sort_by_key(crate::recording::PoseRow::key);
     mended
 }

@@ -115,7 +115,7 @@ impl Solved {
     #[must_use]
     pub fn doubts(&self) -> Vec<String> {
         let m = &self.plan.measurements;
-        let all = m.corner_rows.len() + m.poses.len() + m.points.len() + m.contacts.len();
+        let all = m.corner_count() + m.poses.len() + m.points.len() + m.contacts.len();
         let aside = self.rejected.total() - self.rejected.unplaced;
         let strangers = self.strangers();
         if aside as f64 <= MOST_ASIDE * all as f64 {
@@ -297,7 +297,7 @@ pub(super) fn solve_plain(
     let (undetermined, weak) = explain(&evidence, &covariance, &unseen);
     let (scales, remarks) =
         if look { follow_up(&evidence, &residuals, &covariance, &believed) } else { Default::default() };
-    let tallies = tally(&layout, recording, &plan, &residuals);
+    let tallies = tally(&layout, &plan, &residuals);
     seconds.covariance = clock.elapsed().as_secs_f64();
     seconds.total = began.elapsed().as_secs_f64();
     Ok(Solved {

@@ -165,10 +165,8 @@ struct Validation<'a> {
 impl<'a> Validation<'a> {
     fn new(layout: &Layout, mut recording: Recording, whole: &'a Solved) -> Self {
         let m = &whole.plan.measurements;
-        let aside: BTreeSet<u32> =
-            m.corner_rows.iter().zip(&m.corner_whiteners).filter(|(_, w)| w[0] == 0.0).map(|(row, _)| *row).collect();
-        let mut row = 0..;
-        recording.corners.retain(|_| row.next().is_none_or(|row| !aside.contains(&row)));
+        let aside: BTreeSet<usize> = (0..m.corner_count()).filter(|i| !m.is_kept(*i)).map(|i| m.row(i)).collect();
+        recording.corners.retain_each(|_, row| !aside.contains(&row));
         let mut layout = layout.clone();
         // Corners that do not belong are gone; poses and points are still judged by the layout's own loss.
         if recording.poses.is_empty() && recording.points.is_empty() && recording.contacts.is_empty() {
@@ -187,9 +185,11 @@ impl<'a> Validation<'a> {
     /// The recording where `keep` holds of a configuration.
     fn part(&self, keep: impl Fn(u64) -> bool) -> Recording {
         let r = &self.recording;
+        let mut corners = r.corners.clone();
+        corners.retain(|one| keep(one.configuration));
         Recording {
             motions: r.motions.clone(),
-            corners: r.corners.iter().filter(|row| keep(row.configuration)).cloned().collect(),
+            corners,
             poses: r.poses.iter().filter(|row| keep(row.configuration)).cloned().collect(),
             points: r.points.iter().filter(|row| keep(row.configuration)).cloned().collect(),
             contacts: r.contacts.iter().filter(|row| keep(row.configuration)).cloned().collect(),

@@ -63,7 +63,7 @@ pub fn record(truth: &Layout, motions: Vec<RobotMotion>, pixel_sigma: f64, seed:
     let mut recording = Recording { motions, ..Recording::default() };
     let configurations = recording.motions[0].configurations();
     let found = corners(&Cell::new(truth, &recording), &configurations, CornerNoise { pixel_sigma, seed });
-    recording.corners = found;
+    recording.corners = found.into();
     recording
 }
 

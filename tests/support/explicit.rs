@@ -183,11 +183,11 @@ impl Explicit<'_> {
         let mut put = |rows: Vec<Row>| all.push(Rows { rows, robust: true });
         match group.kind {
             GroupKind::Corners { camera } => {
-                let place = Vector3::from(m.corner_points[i]);
+                let place = Vector3::from(m.place(i));
                 let lens = self.layout.cameras[camera].intrinsics.as_ref().unwrap();
                 let at = project(lens.model(), &state.lenses[camera], &(*pose * place));
-                let [a, b, c] = m.corner_whiteners[i];
-                let off: [f64; 2] = std::array::from_fn(|k| at.pixel[k] - m.corner_pixels[i][k]);
+                let [a, b, c] = m.whitener(i);
+                let off: [f64; 2] = std::array::from_fn(|k| at.pixel[k] - m.pixel(i)[k]);
                 let plain: [Vec<f64>; 2] = std::array::from_fn(|k| {
                     let mut slopes = spread(towards(Vector3::from(at.by_point[k]), &place));
                     if let Some(block) = self.plan.unknowns.lens(camera) {

@@ -145,13 +145,15 @@ fn shake(layout: &mut Layout, random: &mut ChaCha8Rng) {
 fn repeat_still_errors(simulated: &mut Simulated) {
     let mut first: BTreeMap<(usize, usize, Feature), [f64; 2]> = BTreeMap::new();
     let (cameras, targets) = (&simulated.truth.cameras, &simulated.truth.targets);
-    for row in &mut simulated.recording.corners {
-        if cameras[row.camera].mount.parent != "world" || targets[row.target].mount.parent != "world" {
-            continue;
+    simulated.recording.corners.edit(|rows| {
+        for row in rows {
+            if cameras[row.camera].mount.parent != "world" || targets[row.target].mount.parent != "world" {
+                continue;
+            }
+            let [u, v] = *first.entry((row.camera, row.target, row.feature.clone())).or_insert(row.pixel);
+            row.pixel = [u + 0.25 * (row.pixel[0] - u), v + 0.25 * (row.pixel[1] - v)];
         }
-        let [u, v] = *first.entry((row.camera, row.target, row.feature.clone())).or_insert(row.pixel);
-        row.pixel = [u + 0.25 * (row.pixel[0] - u), v + 0.25 * (row.pixel[1] - v)];
-    }
+    });
 }
 
 /// Solves what a cell's solver is told.

@@ -166,11 +166,11 @@ fn recorded(layout: &Layout, count: u64, limited: bool) -> Result<Vec<RobotMotio
 fn summary(layout: &Layout, simulated: &Simulated) -> Made {
     let recording = &simulated.recording;
     let seen_by = |camera: usize| {
-        recording.corners.iter().any(|row| row.camera == camera)
+        recording.corners.appearances().iter().any(|one| one.camera == camera)
             || recording.poses.iter().any(|row| row.camera == camera)
     };
     let seen = |target: usize| {
-        recording.corners.iter().any(|row| row.target == target)
+        recording.corners.appearances().iter().any(|one| one.target == target)
             || recording.poses.iter().any(|row| row.target == target)
             || recording.points.iter().any(|row| row.target == target)
     };

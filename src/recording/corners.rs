@@ -1,0 +1,323 @@
+//! Corners as they are held: each once, in arrays.
+//!
+//! A recording has millions of corners, but only thousands of pictures and hundreds of things to be seen in them. So what the corners of one target in
+//! one picture have in common stands once, in an [`Appearance`]; which corner of its target each is, is a number into a list of [`Names`]; and what
+//! remains of a corner is that number and its pixel: 20 bytes, and 24 more where a detector gave covariances.
+
+use std::ops::Range;
+use std::sync::Arc;
+
+use super::names::Names;
+use crate::geometry::Feature;
+
+/// One corner as a detector reports it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CornerRow {
+    /// Where all robots stand.
+    pub configuration: u64,
+    /// Which of several pictures taken there.
+    pub shot: u64,
+    /// The camera's place in the layout.
+    pub camera: usize,
+    /// The target's place in the layout.
+    pub target: usize,
+    /// Which corner.
+    pub feature: Feature,
+    /// (u, v), px.
+    pub pixel: [f64; 2],
+    /// (suu, suv, svv), px^2.
+    pub covariance: Option<[f64; 3]>,
+}
+
+impl CornerRow {
+    /// The order of rows that everything downstream relies on.
+    #[must_use]
+    pub fn key(&self) -> (usize, u64, u64, usize, &Feature) {
+        (self.camera, self.configuration, self.shot, self.target, &self.feature)
+    }
+}
+
+/// One target in one picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Appearance {
+    /// Where all robots stand.
+    pub configuration: u64,
+    /// Which of several pictures taken there.
+    pub shot: u64,
+    /// The camera's place in the layout.
+    pub camera: usize,
+    /// The target's place in the layout.
+    pub target: usize,
+    start: u32,
+    end: u32,
+}
+
+impl Appearance {
+    /// The numbers of its corners.
+    #[must_use]
+    pub fn corners(&self) -> Range<usize> {
+        self.start as usize..self.end as usize
+    }
+
+    /// The order in which a recording has them.
+    #[must_use]
+    pub fn key(&self) -> (usize, u64, u64, usize) {
+        (self.camera, self.configuration, self.shot, self.target)
+    }
+
+    /// Which picture of which camera: camera, configuration, shot.
+    #[must_use]
+    pub fn picture(&self) -> (usize, u64, u64) {
+        (self.camera, self.configuration, self.shot)
+    }
+}
+
+/// All corners of a recording, in the order of [`CornerRow::key`]. A copy shares them; a change makes new ones.
+#[derive(Clone, Debug, Default)]
+pub struct Corners {
+    names: Arc<Names>,
+    held: Arc<Held>,
+}
+
+/// The arrays.
+#[derive(Debug, Default)]
+pub(super) struct Held {
+    appearances: Vec<Appearance>,
+    /// By corner: what it is, a number of [`Names`].
+    marks: Vec<u32>,
+    /// By corner: (u, v), px.
+    pixels: Vec<[f64; 2]>,
+    /// By corner: (suu, suv, svv), px^2, zeros where there is none; empty where no corner has one.
+    covariances: Vec<[f64; 3]>,
+}
+
+impl Corners {
+    /// Rows in order, whose features are all among the `names`.
+    pub(super) fn named<'a>(names: Arc<Names>, rows: impl Iterator<Item = &'a CornerRow>) -> Self {
+        let mut held = Held::default();
+        for row in rows {
+            let CornerRow { configuration, shot, camera, target, .. } = *row;
+            let one = Appearance { configuration, shot, camera, target, start: 0, end: 0 };
+            if let Some(mark) = names.mark(target, &row.feature) {
+                held.push(&one, mark, row.pixel, row.covariance);
+            }
+        }
+        Self { names, held: Arc::new(held) }
+    }
+
+    /// How many there are.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.held.marks.len()
+    }
+
+    /// Whether there are none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.held.marks.is_empty()
+    }
+
+    /// What was seen in which picture, in order.
+    #[must_use]
+    pub fn appearances(&self) -> &[Appearance] {
+        &self.held.appearances
+    }
+
+    /// The place among the appearances of what a corner belongs to. O(log n).
+    #[must_use]
+    pub fn place_of(&self, corner: usize) -> usize {
+        self.held.appearances.partition_point(|one| one.corners().end <= corner)
+    }
+
+    /// What [`Corners::marks`] stand for.
+    #[must_use]
+    pub fn names(&self) -> &Names {
+        &self.names
+    }
+
+    /// By corner: its number among the [`Corners::names`].
+    #[must_use]
+    pub fn marks(&self) -> &[u32] {
+        &self.held.marks
+    }
+
+    /// By corner: (u, v), px.
+    #[must_use]
+    pub fn pixels(&self) -> &[[f64; 2]] {
+        &self.held.pixels
+    }
+
+    /// Which corner of its target a corner is.
+    #[must_use]
+    pub fn feature(&self, corner: usize) -> &Feature {
+        self.names.feature(self.held.marks[corner])
+    }
+
+    /// A corner's covariance (suu, suv, svv), px^2.
+    #[must_use]
+    pub fn covariance(&self, corner: usize) -> Option<[f64; 3]> {
+        self.held.covariances.get(corner).copied().filter(|covariance| covariance[0] != 0.0)
+    }
+
+    /// Whether any corner has a covariance.
+    #[must_use]
+    pub fn have_covariances(&self) -> bool {
+        !self.held.covariances.is_empty()
+    }
+
+    /// The corners one by one.
+    pub fn iter(&self) -> impl Iterator<Item = CornerRow> + '_ {
+        self.held.appearances.iter().flat_map(|one| {
+            one.corners().map(|corner| CornerRow {
+                configuration: one.configuration,
+                shot: one.shot,
+                camera: one.camera,
+                target: one.target,
+                feature: self.feature(corner).clone(),
+                pixel: self.held.pixels[corner],
+                covariance: self.covariance(corner),
+            })
+        })
+    }
+
+    /// Leaves out what was seen in a picture of a target where `keep` does not hold.
+    pub fn retain(&mut self, mut keep: impl FnMut(&Appearance) -> bool) {
+        if !self.held.appearances.iter().all(&mut keep) {
+            self.retain_each(|one, _| keep(one));
+        }
+    }
+
+    /// Leaves out corners for which `keep` does not hold; it is given what the corner belongs to and the corner's number.
+    pub fn retain_each(&mut self, mut keep: impl FnMut(&Appearance, usize) -> bool) {
+        let mut kept = Held::default();
+        for one in &self.held.appearances {
+            for corner in one.corners().filter(|corner| keep(one, *corner)) {
+                kept.push(one, self.held.marks[corner], self.held.pixels[corner], self.covariance(corner));
+            }
+        }
+        self.held = Arc::new(kept);
+    }
+
+    /// Changes rows at will; afterwards they are in order again.
+    pub fn edit<R>(&mut self, change: impl FnOnce(&mut Vec<CornerRow>) -> R) -> R {
+        let mut rows = self.iter().collect();
+        let result = change(&mut rows);
+        *self = rows.into();
+        result
+    }
+
+    /// Exchanges names of cameras: `camera` gives each one's new place.
+    #[must_use]
+    pub fn with_cameras(&self, camera: impl Fn(usize) -> usize) -> Self {
+        let renamed = |one: &Appearance| Appearance { camera: camera(one.camera), ..*one };
+        let mut held = Held {
+            appearances: self.held.appearances.iter().map(renamed).collect(),
+            marks: self.held.marks.clone(),
+            pixels: self.held.pixels.clone(),
+            covariances: self.held.covariances.clone(),
+        };
+        held.order();
+        Self { names: Arc::clone(&self.names), held: Arc::new(held) }
+    }
+
+    /// Adds those of another file of the same layout; says whether two are of the same thing.
+    pub(super) fn join(&mut self, others: &Self) -> bool {
+        let mut all = Held::default();
+        all.append(&self.held);
+        all.append(&others.held);
+        let once = all.order();
+        self.held = Arc::new(all);
+        !once
+    }
+}
+
+impl From<Vec<CornerRow>> for Corners {
+    fn from(mut rows: Vec<CornerRow>) -> Self {
+        rows.sort_by(|a, b| a.key().cmp(&b.key()));
+        let names = Names::new(rows.iter().map(|row| (row.target, row.feature.clone())).collect());
+        Self::named(Arc::new(names), rows.iter())
+    }
+}
+
+impl<'a> IntoIterator for &'a Corners {
+    type Item = CornerRow;
+    type IntoIter = Box<dyn Iterator<Item = CornerRow> + 'a>;
+
+    fn into_iter(self) -> Self::IntoIter {
+        Box::new(self.iter())
+    }
+}
+
+/// The same corners, whatever lists their names stand in.
+impl PartialEq for Corners {
+    fn eq(&self, other: &Self) -> bool {
+        self.len() == other.len() && self.iter().eq(other.iter())
+    }
+}
+
+impl Held {
+    /// Appends a corner of what `one` says was seen; `one`'s own corners are no matter.
+    pub(super) fn push(&mut self, one: &Appearance, mark: u32, pixel: [f64; 2], covariance: Option<[f64; 3]>) {
+        let corner = self.marks.len() as u32;
+        match self.appearances.last_mut().filter(|last| last.key() == one.key()) {
+            Some(last) => last.end = corner + 1,
+            None => self.appearances.push(Appearance { start: corner, end: corner + 1, ..*one }),
+        }
+        if covariance.is_some() && self.covariances.is_empty() {
+            self.covariances.resize(self.marks.len(), [0.0; 3]);
+        }
+        if covariance.is_some() || !self.covariances.is_empty() {
+            self.covariances.push(covariance.unwrap_or_default());
+        }
+        self.marks.push(mark);
+        self.pixels.push(pixel);
+    }
+
+    /// Appends all of another.
+    pub(super) fn append(&mut self, other: &Self) {
+        let before = self.marks.len();
+        if !other.covariances.is_empty() {
+            self.covariances.resize(before, [0.0; 3]);
+            self.covariances.extend_from_slice(&other.covariances);
+        } else if !self.covariances.is_empty() {
+            self.covariances.resize(before + other.marks.len(), [0.0; 3]);
+        }
+        self.marks.extend_from_slice(&other.marks);
+        self.pixels.extend_from_slice(&other.pixels);
+        for one in &other.appearances {
+            let (start, end) = (one.start + before as u32, one.end + before as u32);
+            match self.appearances.last_mut().filter(|last| last.key() == one.key()) {
+                Some(last) => last.end = end,
+                None => self.appearances.push(Appearance { start, end, ..*one }),
+            }
+        }
+    }
+
+    /// Puts the corners into order; says whether all are different.
+    pub(super) fn order(&mut self) -> bool {
+        if self.is_ascending() {
+            return true;
+        }
+        let mut appearances = std::mem::take(&mut self.appearances);
+        // Stable, so that corners given twice keep the order in which they were given.
+        appearances.sort_by_key(Appearance::key);
+        let old = std::mem::take(self);
+        let mut numbers: Vec<u32> = Vec::new();
+        for same in appearances.chunk_by(|a, b| a.key() == b.key()) {
+            numbers.clear();
+            same.iter().for_each(|one| numbers.extend(one.start..one.end));
+            numbers.sort_by_key(|corner| old.marks[*corner as usize]);
+            for corner in numbers.iter().map(|corner| *corner as usize) {
+                let covariance = old.covariances.get(corner).copied().filter(|covariance| covariance[0] != 0.0);
+                self.push(&same[0], old.marks[corner], old.pixels[corner], covariance);
+            }
+        }
+        self.is_ascending()
+    }
+
+    /// Whether the corners are in order and no two are the same.
+    fn is_ascending(&self) -> bool {
+        let in_order = |one: &Appearance| self.marks[one.corners()].is_sorted_by(|a, b| a < b);
+        self.appearances.is_sorted_by(|a, b| a.key() < b.key()) && self.appearances.iter().all(in_order)
+    }
+}
