@@ -38,7 +38,7 @@ impl CornerRow {
 }
 
 /// One target in one picture.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Appearance {
     /// Where all robots stand.
     pub configuration: u64,
@@ -92,17 +92,22 @@ pub(super) struct Held {
 }
 
 impl Corners {
+    /// Corners in order, by numbers of `names`.
+    pub(super) fn new(names: Arc<Names>, held: Held) -> Self {
+        Self { names, held: Arc::new(held) }
+    }
+
     /// Rows in order, whose features are all among the `names`.
     pub(super) fn named<'a>(names: Arc<Names>, rows: impl Iterator<Item = &'a CornerRow>) -> Self {
         let mut held = Held::default();
         for row in rows {
             let CornerRow { configuration, shot, camera, target, .. } = *row;
-            let one = Appearance { configuration, shot, camera, target, start: 0, end: 0 };
+            let one = Appearance { configuration, shot, camera, target, ..Appearance::default() };
             if let Some(mark) = names.mark(target, &row.feature) {
                 held.push(&one, mark, row.pixel, row.covariance);
             }
         }
-        Self { names, held: Arc::new(held) }
+        Self::new(names, held)
     }
 
     /// How many there are.
@@ -256,6 +261,17 @@ impl PartialEq for Corners {
 }
 
 impl Held {
+    /// How many corners there are.
+    pub(super) fn len(&self) -> usize {
+        self.marks.len()
+    }
+
+    /// Makes room for so many corners more.
+    pub(super) fn reserve(&mut self, more: usize) {
+        self.marks.reserve(more);
+        self.pixels.reserve(more);
+    }
+
     /// Appends a corner of what `one` says was seen; `one`'s own corners are no matter.
     pub(super) fn push(&mut self, one: &Appearance, mark: u32, pixel: [f64; 2], covariance: Option<[f64; 3]>) {
         let corner = self.marks.len() as u32;

@@ -1,6 +1,5 @@
 //! Corners in pictures: `detections.csv`.
 
-use sha2::{Digest as _, Sha256};
 use std::borrow::Borrow;
 use std::io::Write;
 use std::path::Path;
@@ -27,11 +26,10 @@ pub fn read_detections(path: &Path, layout: &Layout) -> Result<Corners, InputErr
 
 /// As [`read_detections`], with the SHA-256 of the very bytes that were read: known where nothing about the file is unusual.
 pub(super) fn read_and_digest(path: &Path, layout: &Layout) -> Result<(Corners, Option<Digest>), InputError> {
-    let swift = std::fs::read(path).ok().and_then(|bytes| {
-        let (rows, digest) = rayon::join(|| swift::read(&bytes, layout), || Sha256::digest(&bytes));
-        Some((rows?, Some(digest.into())))
-    });
-    swift.map_or_else(|| read_carefully(path, layout).map(|rows| (rows, None)), Ok)
+    match swift::read(path, layout) {
+        Some((corners, digest)) => Ok((corners, Some(digest))),
+        None => read_carefully(path, layout).map(|corners| (corners, None)),
+    }
 }
 
 /// The reader that knows what is wrong with a file and where.
@@ -166,6 +164,7 @@ fn write_row(out: &mut dyn Write, layout: &Layout, row: &CornerRow, decimals: us
 #[cfg(test)]
 mod tests {
     use super::*;
+    use sha2::{Digest as _, Sha256};
 
     const LAYOUT: &str = "
 cellmap: 1
@@ -195,7 +194,7 @@ targets:
         let path = folder.path().join("detections.csv");
         let both = |text: String| {
             std::fs::write(&path, &text).unwrap();
-            (swift::read(text.as_bytes(), &layout), read_carefully(&path, &layout))
+            (swift::read(&path, &layout).map(|found| found.0), read_carefully(&path, &layout))
         };
         for end in ["\n", "\r\n"] {
             let (quick, careful) = both(format!("{header}{end}{}{end}", good.join(end)));
@@ -236,6 +235,38 @@ targets:
         }
     }
 
+    /// Lines in any order, and a picture's lines apart from each other, through windows that end anywhere.
+    #[test]
+    fn neither_the_order_of_lines_nor_the_window_matters() {
+        let layout = crate::layout::parse_layout(Path::new("layout.yaml"), LAYOUT, None).unwrap();
+        let mut lines: Vec<String> = Vec::new();
+        for configuration in 1..40 {
+            let covariance = if configuration % 3 == 0 { "0.25,0,0.5" } else { ",," };
+            lines.extend(
+                (0..6).map(|i| format!("{configuration},0,left,board,,{i},{i}.5,{configuration},{covariance}")),
+            );
+            lines.extend((0..4).map(|i| format!("{configuration},0,left,cube,8,{i},{i}.25,{configuration},,,")));
+            lines.push(format!("{configuration},1,left,tip,end,0,3,4,,,"));
+        }
+        let text = |lines: &[String]| {
+            format!("configuration,shot,camera,target,tag,corner,u,v,suu,suv,svv\n{}\n", lines.join("\n"))
+        };
+        let read = |text: &str, window: usize| swift::read_through(window, text.as_bytes(), text.len(), &layout);
+        let (straight, _) = read(&text(&lines), 1 << 20).unwrap();
+        assert_eq!(straight.len(), lines.len());
+        assert_eq!((straight.appearances().len(), straight.covariance(0)), (39 * 3, None));
+        assert_eq!(straight.covariance(2 * 11), Some([0.25, 0.0, 0.5]));
+        // A stride that is prime to the count visits every line.
+        let scattered: Vec<String> = (0..lines.len()).map(|i| lines[i * 31 % lines.len()].clone()).collect();
+        for window in [80, 97, 200, 1000, 5000] {
+            assert_eq!(read(&text(&lines), window).unwrap().0, straight);
+            assert_eq!(read(&text(&scattered), window).unwrap().0, straight);
+        }
+        assert!(read(&text(&lines), 40).is_none(), "the header is longer than the window");
+        lines.push(lines[17].clone());
+        assert!(read(&text(&lines), 1000).is_none(), "a corner is given twice");
+    }
+
     #[test]
     fn the_digest_is_of_the_bytes_that_were_read() {
         let layout = crate::layout::parse_layout(Path::new("layout.yaml"), LAYOUT, None).unwrap();
@@ -254,7 +285,7 @@ targets:
         /// A good file with a piece taken out, doubled, put in or cut off: what the quick reader takes, the careful one reads the same.
         #[test]
         fn the_quick_reader_never_takes_what_the_careful_one_reads_otherwise(
-            at in 0usize..400, length in 0usize..40, put in "[-0-9a-z,.+\"\r\n \u{feff}]{0,12}", end in 0usize..600, kind in 0..4,
+            at in 0usize..400, length in 0usize..40, put in "[-0-9a-z,.+\"\r\n \u{feff}]{0,12}", end in 0usize..600, kind in 0..4, window in 64usize..700,
         ) {
             let layout = crate::layout::parse_layout(Path::new("layout.yaml"), LAYOUT, None).unwrap();
             let mut text = "configuration,shot,camera,target,tag,corner,u,v,suu,suv,svv\n\
@@ -272,8 +303,9 @@ targets:
             let folder = tempfile::tempdir().unwrap();
             let path = folder.path().join("detections.csv");
             std::fs::write(&path, &text).unwrap();
-            if let Some(rows) = swift::read(&text, &layout) {
-                proptest::prop_assert_eq!(rows, read_carefully(&path, &layout).unwrap(), "{}", String::from_utf8_lossy(&text));
+            if let Some((corners, digest)) = swift::read_through(window, text.as_slice(), text.len(), &layout) {
+                proptest::prop_assert_eq!(corners, read_carefully(&path, &layout).unwrap(), "{}", String::from_utf8_lossy(&text));
+                proptest::prop_assert_eq!(digest, <Digest>::from(Sha256::digest(&text)));
             }
         }
     }

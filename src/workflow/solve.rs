@@ -260,8 +260,7 @@ pub(super) fn solve_plain(
         iterations += report.iterations;
         report
     };
-    let robust = layout.solve.loss != LossSetting::Squared;
-    if robust {
+    if layout.solve.loss != LossSetting::Squared {
         robust_search(&layout, recording, &mut plan, &priors, &mut state, &mut rejected, &mut run);
     }
     let (mut report, residuals, poses) = loop {
@@ -293,6 +292,7 @@ pub(super) fn solve_plain(
     let noise = if freedom == 0 { 1.0 } else { ((residuals.weighted_sum + terms.stops) / freedom as f64).sqrt() };
     let believed = priors.equations(&plan, &state);
     let covariance = covariance(&plan, &terms, &believed, noise);
+    drop(terms); // A matrix a configuration; what follows makes its own.
     let evidence = Evidence { layout: &layout, tree: &tree, recording, plan: &plan, state: &state, poses: &poses };
     let (undetermined, weak) = explain(&evidence, &covariance, &unseen);
     let (scales, remarks) =
