@@ -257,7 +257,7 @@ fn show(solved: &Solved) {
     say!("{} after {} linearisations", solved.report.termination.words(), solved.report.iterations);
     let r = &solved.residuals;
     if let Some(rms) = r.rms_px() {
-        say!("residual: {rms:.3} px a coordinate over {} corners", r.corners.iter().flatten().count());
+        say!("residual: {rms:.3} px a coordinate over {} corners", r.seen().count());
     }
     if let Some([t, a]) = r.rms_poses() {
         say!(

@@ -122,7 +122,7 @@ fn residuals(input: &ReportInput<'_>) -> Vec<Value> {
     let m = &s.plan.measurements;
     let mut by_camera: BTreeMap<usize, Vec<(usize, [f64; 2])>> = BTreeMap::new();
     for (range, one) in m.appearances(0..m.corner_count()) {
-        let seen = range.filter_map(|i| Some((i, s.residuals.corners[i]?)));
+        let seen = range.filter_map(|i| Some((i, s.residuals.corner(i)?)));
         by_camera.entry(one.camera).or_default().extend(seen);
     }
     by_camera.retain(|_, rows| !rows.is_empty());
@@ -170,7 +170,7 @@ fn by_configuration(input: &ReportInput<'_>, sights: &[Sight]) -> Value {
         }
         for block in &group.blocks {
             let sum = pixels.entry(block.configuration).or_default();
-            for d in s.residuals.corners[block.start..block.end].iter().flatten() {
+            for d in s.residuals.corners(block.start..block.end).flatten() {
                 *sum = (sum.0 + d[0] * d[0] + d[1] * d[1], sum.1 + 2.0);
             }
         }

@@ -34,7 +34,7 @@ pub(super) fn worst(input: &ReportInput<'_>) -> String {
     let mut pictures: BTreeMap<Picture, (f64, f64)> = BTreeMap::new();
     for (range, picture) in seen() {
         let sum = pictures.entry(picture).or_default();
-        for d in s.residuals.corners[range].iter().flatten() {
+        for d in s.residuals.corners(range).flatten() {
             *sum = (sum.0 + (d[0] * d[0] + d[1] * d[1]), sum.1 + 2.0);
         }
     }
@@ -45,7 +45,7 @@ pub(super) fn worst(input: &ReportInput<'_>) -> String {
     let mut shown: BTreeMap<Picture, Corners> = order.iter().map(|(picture, _)| (*picture, Vec::new())).collect();
     for (range, picture) in seen() {
         if let Some(corners) = shown.get_mut(&picture) {
-            corners.extend(range.map(|i| (m.pixel(i), s.residuals.corners[i])));
+            corners.extend(range.map(|i| (m.pixel(i), s.residuals.corner(i))));
         }
     }
     let one = |(picture, rms): &(Picture, f64)| figure(input, *picture, *rms, &shown[picture]);

@@ -260,7 +260,7 @@ pub(super) fn worst_configurations(input: &ReportInput<'_>) -> String {
     for group in s.plan.groups.iter().filter(|group| matches!(group.kind, GroupKind::Corners { .. })) {
         for block in &group.blocks {
             let sum = sums.entry(block.configuration).or_default();
-            for residual in &s.residuals.corners[block.start..block.end] {
+            for residual in s.residuals.corners(block.start..block.end) {
                 match residual {
                     Some(d) => *sum = (sum.0 + d[0] * d[0] + d[1] * d[1], sum.1 + 1, sum.2),
                     None => sum.2 += 1,

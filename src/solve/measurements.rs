@@ -114,6 +114,14 @@ impl Measurements {
         }
     }
 
+    /// The squared whitened norm of a residual (px) of corner `i`.
+    #[must_use]
+    pub fn whitened(&self, i: usize, d: [f64; 2]) -> f64 {
+        let [a, b, c] = self.whitener(i);
+        let (u, v) = (a * d[0], b * d[0] + c * d[1]);
+        u * u + v * v
+    }
+
     /// Sets corner `i` aside.
     pub fn set_aside(&mut self, i: usize) {
         self.aside[i] = true;

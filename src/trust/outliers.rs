@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::residuals::Residuals;
 use crate::layout::Layout;
-use crate::solve::{GroupKind, Plan};
+use crate::solve::{GroupKind, Measurements, Plan};
 
 /// A residual this many times the bulk's scale is set aside. Of a two-dimensional Gaussian four in a million lie beyond; what real cells show there is
 /// wrong ids, dragged corners and shifted logs.
@@ -52,7 +52,7 @@ pub fn tally(layout: &Layout, plan: &Plan, residuals: &Residuals) -> Vec<Tally> 
     let m = &plan.measurements;
     for (range, one) in m.appearances(0..m.corner_count()) {
         let count = counts.entry((one.camera, one.target)).or_default();
-        for residual in &residuals.corners[range] {
+        for residual in residuals.corners(range) {
             match residual {
                 Some([u, v]) => *count = (count.0 + 1, count.1, count.2 + u * u + v * v),
                 None => count.1 += 1,
@@ -90,19 +90,19 @@ impl Rejected {
 pub fn reject(plan: &mut Plan, residuals: &Residuals) -> Rejected {
     let mut found = reject_unseen(plan, residuals);
     let m = &mut plan.measurements;
-    let [corners, poses, points, contacts] = &residuals.whitened;
+    let [poses, points, contacts] = &residuals.whitened;
     let kept = |kept: &[bool], squared: &[f64]| -> Vec<f64> {
         squared.iter().zip(kept).filter(|(_, kept)| **kept).map(|(s, _)| *s).collect()
     };
-    let seen: Vec<bool> = residuals.corners.iter().map(Option::is_some).collect();
-    let limit_px = limit(kept(&seen, corners), MEDIANS[1]);
+    let corners = |m: &Measurements| (0..m.corner_count()).filter_map(|i| whitened(m, residuals, i)).collect();
+    let limit_px = limit(corners(m), MEDIANS[1]);
     for group in plan.groups.iter().filter(|group| matches!(group.kind, GroupKind::Corners { .. })) {
         let indices = || group.blocks.iter().flat_map(|block| block.start..block.end);
-        let own: Vec<f64> = indices().filter(|i| seen[*i]).map(|i| corners[i]).collect();
+        let own: Vec<f64> = indices().filter_map(|i| whitened(m, residuals, i)).collect();
         let own = if own.len() < FEW { limit_px } else { limit(own, MEDIANS[1]) };
         let most = own.clamp(limit_px, WIDER * WIDER * limit_px);
         for i in indices() {
-            if m.is_kept(i) && corners[i] > most {
+            if whitened(m, residuals, i).is_some_and(|squared| squared > most) {
                 m.set_aside(i);
                 found.corners += 1;
             }
@@ -127,12 +127,13 @@ pub fn reject(plan: &mut Plan, residuals: &Residuals) -> Rejected {
 
 /// How far the bulk of the measurements is off, in the layout's standard deviations and at least one, and the share of all that lies far outside that.
 #[must_use]
-pub fn contamination(residuals: &Residuals) -> (f64, f64) {
+pub fn contamination(plan: &Plan, residuals: &Residuals) -> (f64, f64) {
     let (mut scale, mut far, mut all) = (1.0_f64, 0, 0);
-    let [corners, poses, points, contacts] = &residuals.whitened;
+    let m = &plan.measurements;
+    let [poses, points, contacts] = &residuals.whitened;
     let pairs = poses.iter().zip(residuals.poses.iter().flat_map(|pose| [pose.is_some(); 2])).filter(|(_, seen)| *seen);
     let kinds: [(Vec<f64>, f64); 4] = [
-        (seen(corners, &residuals.corners), MEDIANS[1]),
+        ((0..m.corner_count()).filter_map(|i| whitened(m, residuals, i)).collect(), MEDIANS[1]),
         (pairs.map(|(s, _)| *s).collect(), MEDIANS[2]),
         (seen(points, &residuals.points), MEDIANS[2]),
         (seen(contacts, &residuals.contacts), MEDIANS[0]),
@@ -146,6 +147,11 @@ pub fn contamination(residuals: &Residuals) -> (f64, f64) {
     (scale, far as f64 / all.max(1) as f64)
 }
 
+/// The squared whitened norm of a corner that was accepted and can be seen.
+fn whitened(m: &Measurements, residuals: &Residuals, i: usize) -> Option<f64> {
+    residuals.corner(i).map(|d| m.whitened(i, d))
+}
+
 fn seen<T>(squared: &[f64], of: &[Option<T>]) -> Vec<f64> {
     squared.iter().zip(of).filter(|(_, one)| one.is_some()).map(|(s, _)| *s).collect()
 }
@@ -154,8 +160,8 @@ fn seen<T>(squared: &[f64], of: &[Option<T>]) -> Vec<f64> {
 pub fn reject_unseen(plan: &mut Plan, residuals: &Residuals) -> Rejected {
     let mut found = Rejected::default();
     let m = &mut plan.measurements;
-    for (i, seen) in residuals.corners.iter().enumerate() {
-        if m.is_kept(i) && seen.is_none() {
+    for i in 0..m.corner_count() {
+        if m.is_kept(i) && residuals.corner(i).is_none() {
             m.set_aside(i);
             found.corners += 1;
         }

@@ -1,5 +1,7 @@
 //! The residuals of a solution, kind by kind.
 
+use std::ops::Range;
+
 use crate::geometry::lens::{Lens, with_lens};
 use crate::geometry::{LensModel, Pose};
 use crate::layout::Layout;
@@ -9,25 +11,41 @@ use crate::solve::{GroupKind, Loss, Plan, State};
 /// What is left of the measurements at a state.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Residuals {
-    /// (du, dv) in px of each corner of the plan; none where it was rejected or cannot be seen.
-    pub corners: Vec<Option<[f64; 2]>>,
+    /// (du, dv) in px of each corner of the plan; not numbers where it was rejected or cannot be seen.
+    corners: Vec<[f64; 2]>,
     /// Translation (m) and rotation (rad) errors of each measured pose.
     pub poses: Vec<Option<[f64; 2]>>,
     /// Error (m) of each measured point.
     pub points: Vec<Option<f64>>,
     /// Error (m) of each contact.
     pub contacts: Vec<Option<f64>>,
-    /// Squared whitened norm of each corner; of each pose's translation and rotation; of each point; of each contact.
-    pub whitened: [Vec<f64>; 4],
+    /// Squared whitened norm of each pose's translation and rotation; of each point; of each contact.
+    pub whitened: [Vec<f64>; 3],
     /// Sum of robust weight times squared whitened residual.
     pub weighted_sum: f64,
 }
 
 impl Residuals {
+    /// (du, dv) in px of a corner of the plan; none where it was rejected or cannot be seen.
+    #[must_use]
+    pub fn corner(&self, i: usize) -> Option<[f64; 2]> {
+        Some(self.corners[i]).filter(|d| !d[0].is_nan())
+    }
+
+    /// As [`Residuals::corner`], of neighbouring corners.
+    pub fn corners(&self, range: Range<usize>) -> impl Iterator<Item = Option<[f64; 2]>> {
+        range.map(|i| self.corner(i))
+    }
+
+    /// The corners that were accepted and can be seen.
+    pub fn seen(&self) -> impl Iterator<Item = [f64; 2]> {
+        self.corners(0..self.corners.len()).flatten()
+    }
+
     /// Root mean square over the accepted corners, px a coordinate.
     #[must_use]
     pub fn rms_px(&self) -> Option<f64> {
-        root_mean_square(self.corners.iter().flatten().map(|d| d[0] * d[0] + d[1] * d[1]), 2.0)
+        root_mean_square(self.seen().map(|d| d[0] * d[0] + d[1] * d[1]), 2.0)
     }
 
     /// Root mean square translation (m) and rotation (rad) error of measured poses.
@@ -60,11 +78,11 @@ fn root_mean_square(squares: impl Iterator<Item = f64>, each: f64) -> Option<f64
 pub fn residuals(layout: &Layout, plan: &Plan, state: &State, poses: &[Vec<Pose>], loss: Loss) -> Residuals {
     let m = &plan.measurements;
     let mut all = Residuals {
-        corners: vec![None; m.corner_count()],
+        corners: vec![[f64::NAN; 2]; m.corner_count()],
         poses: vec![None; m.poses.len()],
         points: vec![None; m.points.len()],
         contacts: vec![None; m.contacts.len()],
-        whitened: [m.corner_count(), 2 * m.poses.len(), m.points.len(), m.contacts.len()].map(|n| vec![0.0; n]),
+        whitened: [2 * m.poses.len(), m.points.len(), m.contacts.len()].map(|n| vec![0.0; n]),
         weighted_sum: 0.0,
     };
     for (group, poses) in plan.groups.iter().zip(poses) {
@@ -72,19 +90,16 @@ pub fn residuals(layout: &Layout, plan: &Plan, state: &State, poses: &[Vec<Pose>
             for i in block.start..block.end {
                 match group.kind {
                     GroupKind::Corners { camera } => {
-                        let [a, b, c] = m.whitener(i);
                         let model =
                             layout.cameras[camera].intrinsics.as_ref().map_or(LensModel::Pinhole, |x| x.model());
                         let point: [f64; 3] = (*pose * nalgebra::Vector3::from(m.place(i))).into();
                         let projected = with_lens!(model, L => L::project(&state.lenses[camera], &point));
-                        if a != 0.0
+                        if m.is_kept(i)
                             && let Some(pixel) = projected
                         {
                             let d = [pixel[0] - m.pixel(i)[0], pixel[1] - m.pixel(i)[1]];
-                            let (u, v) = (a * d[0], b * d[0] + c * d[1]);
-                            all.corners[i] = Some(d);
-                            all.whitened[0][i] = u * u + v * v;
-                            all.weighted_sum += weighted(u * u + v * v, loss);
+                            all.corners[i] = d;
+                            all.weighted_sum += weighted(m.whitened(i, d), loss);
                         }
                     }
                     GroupKind::Poses => {
@@ -92,7 +107,7 @@ pub fn residuals(layout: &Layout, plan: &Plan, state: &State, poses: &[Vec<Pose>
                             let sigma = plan.settings.pose_sigma;
                             let (t, r) = pose_residuals(measured, pose, sigma);
                             all.poses[i] = Some([t.norm() * sigma[0], r.norm() * sigma[1]]);
-                            (all.whitened[1][2 * i], all.whitened[1][2 * i + 1]) = (t.norm_squared(), r.norm_squared());
+                            (all.whitened[0][2 * i], all.whitened[0][2 * i + 1]) = (t.norm_squared(), r.norm_squared());
                             all.weighted_sum += weighted(t.norm_squared(), loss) + weighted(r.norm_squared(), loss);
                         }
                     }
@@ -101,7 +116,7 @@ pub fn residuals(layout: &Layout, plan: &Plan, state: &State, poses: &[Vec<Pose>
                             let error = (*pose * *place - measured).norm();
                             let s = (error / plan.settings.point_sigma).powi(2);
                             all.points[i] = Some(error);
-                            all.whitened[2][i] = s;
+                            all.whitened[1][i] = s;
                             all.weighted_sum += weighted(s, loss);
                         }
                     }
@@ -110,7 +125,7 @@ pub fn residuals(layout: &Layout, plan: &Plan, state: &State, poses: &[Vec<Pose>
                             let error = (*pose * contact.b - contact.a).norm() - contact.distance;
                             let s = (error / plan.settings.contact_sigma).powi(2);
                             all.contacts[i] = Some(error);
-                            all.whitened[3][i] = s;
+                            all.whitened[2][i] = s;
                             all.weighted_sum += weighted(s, loss);
                         }
                     }

@@ -85,7 +85,7 @@ fn corners(
     things
         .filter_map(|thing| {
             let kept: Vec<(usize, Vector2<f64>)> =
-                thing.iter().filter_map(|i| Some((*i, -Vector2::from(residuals.corners[*i]?)))).collect();
+                thing.iter().filter_map(|i| Some((*i, -Vector2::from(residuals.corner(*i)?)))).collect();
             if kept.len() < 4 {
                 return None;
             }

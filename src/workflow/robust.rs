@@ -44,11 +44,11 @@ pub(super) fn robust_search(
         run(&mut assembler, state, &options);
         let mut poses = assembler.block_poses(state);
         let mut rest = residuals(layout, plan, state, &poses, loss);
-        if pass == 0 && contamination(&rest).1 > GROSS {
+        if pass == 0 && contamination(plan, &rest).1 > GROSS {
             graduate(&mut assembler, state, &mut |assembler, state| {
                 run(assembler, state, &options);
                 let poses = assembler.block_poses(state);
-                contamination(&residuals(layout, plan, state, &poses, loss)).0
+                contamination(plan, &residuals(layout, plan, state, &poses, loss)).0
             });
             poses = assembler.block_poses(state);
             rest = residuals(layout, plan, state, &poses, loss);
