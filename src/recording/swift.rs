@@ -20,10 +20,10 @@ use crate::geometry::{Feature, TargetGeometry};
 use crate::layout::{Layout, Target};
 
 /// Bytes of a file in memory at a time.
-const WINDOW: usize = 1 << 21;
+const WINDOW: usize = 1 << 20;
 
 /// Bytes that one task reads, about.
-const PIECE: usize = 1 << 16;
+const PIECE: usize = 1 << 15;
 
 /// Bytes of a line at least, about: makes room for what a piece holds.
 const SHORT_LINE: usize = 32;

@@ -3,17 +3,15 @@
 //! Everything is judged at the solution, which the others agree on: a tag that is not where its id says is looked for at the places of all other
 //! tags; corners that begin elsewhere at their own; a picture, or a line of a joint log, at all other configurations.
 
-use nalgebra::Vector3;
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::fault::{Action, Fault, FaultKind};
 use super::flipped::flipped_poses;
 use super::lines::wrong_lines;
 use super::sightings::{Sighting, between};
+use super::things::{Thing, name, tag_of, tags_seen, things};
 use super::undetermined::Evidence;
 use crate::geometry::{Feature, Pattern, TargetGeometry};
-use crate::recording::Appearance;
-use crate::solve::GroupKind;
 
 /// A corner this near (px) to a place belongs there, if the fit is better than that.
 const NEAR: f64 = 3.0;
@@ -22,52 +20,6 @@ const ALWAYS_LEAST: usize = 5;
 const ALWAYS: f64 = 0.8;
 /// Cases of one kind that are told one by one.
 pub(super) const TOLD: usize = 3;
-
-/// One tag or board in one picture.
-struct Thing<'a> {
-    /// The target in the picture.
-    of: &'a Appearance,
-    /// Its corners, as the recording numbers them.
-    rows: Vec<usize>,
-    /// How far each corner is from where the solution has it, px; none if the camera could not see it there.
-    off: Vec<Option<f64>>,
-    /// Which corners were set aside.
-    aside: Vec<bool>,
-    configuration: usize,
-}
-
-impl Thing<'_> {
-    fn wholly_aside(&self) -> bool {
-        self.aside.iter().all(|aside| *aside)
-    }
-
-    /// Its first corner, as the recording has it.
-    fn first<'a>(&self, evidence: &Evidence<'a>) -> &'a Feature {
-        evidence.recording.corners.feature(self.rows[0])
-    }
-
-    /// Its corners: row of the recording, and what it was read as.
-    fn features<'a>(&self, evidence: &Evidence<'a>) -> impl Iterator<Item = (usize, &'a Feature)> {
-        self.rows.iter().map(|row| (*row, evidence.recording.corners.feature(*row)))
-    }
-
-    fn name(&self, evidence: &Evidence<'_>) -> String {
-        name(evidence, self.of.target, self.first(evidence))
-    }
-
-    fn picture(&self, evidence: &Evidence<'_>) -> String {
-        format!("configuration {} of `{}`", self.of.configuration, evidence.layout.cameras[self.of.camera].name)
-    }
-}
-
-fn name(evidence: &Evidence<'_>, target: usize, feature: &Feature) -> String {
-    let name = &evidence.layout.targets[target].name;
-    match feature {
-        Feature::TagCorner(id, _) => format!("tag {id} of `{name}`"),
-        Feature::BoardCorner(_) => format!("`{name}`"),
-        Feature::Point(point) => format!("point `{point}` of `{name}`"),
-    }
-}
 
 /// Cases of one kind, told together.
 #[derive(Default)]
@@ -147,8 +99,7 @@ pub fn culprits(evidence: &Evidence<'_>, sightings: &[Vec<Sighting>], rms_px: Op
         }
     }
     // A tag that is nearly always another one is no misreading: the ids are wrong.
-    let mut seen: BTreeMap<String, usize> = BTreeMap::new();
-    things.iter().for_each(|thing| *seen.entry(thing.name(evidence)).or_default() += 1);
+    let seen = if wrong.things.is_empty() { BTreeMap::new() } else { tags_seen(evidence) };
     let always: Vec<String> = wrong
         .things
         .iter()
@@ -193,46 +144,6 @@ pub fn culprits(evidence: &Evidence<'_>, sightings: &[Vec<Sighting>], rms_px: Op
 fn mean(off: &[Option<f64>]) -> f64 {
     let known: Vec<f64> = off.iter().flatten().copied().collect();
     if known.is_empty() { f64::INFINITY } else { known.iter().sum::<f64>() / known.len() as f64 }
-}
-
-/// Camera, configuration, shot, target.
-type AppearanceKey = (usize, u64, u64, usize);
-
-/// All tags and boards in all pictures.
-fn things<'a>(evidence: &Evidence<'a>) -> Vec<Thing<'a>> {
-    let m = &evidence.plan.measurements;
-    let mut things: BTreeMap<(AppearanceKey, Option<u32>), Thing<'a>> = BTreeMap::new();
-    for (group, poses) in evidence.plan.groups.iter().zip(evidence.poses) {
-        let GroupKind::Corners { camera } = group.kind else { continue };
-        let Some(lens) = &evidence.layout.cameras[camera].intrinsics else { continue };
-        let lens = lens.with_parameters(evidence.state.lenses[camera]);
-        for (block, pose) in group.blocks.iter().zip(poses) {
-            let appearances = m.appearances(block.start..block.end);
-            for (i, of) in appearances.flat_map(|(range, of)| range.map(move |i| (i, of))) {
-                let at = lens.project(&(*pose * Vector3::from(m.place(i))));
-                let off = at.map(|at| (at.x - m.pixel(i)[0]).hypot(at.y - m.pixel(i)[1]));
-                let key = (of.key(), tag_of(m.feature(i)));
-                let thing = things.entry(key).or_insert_with(|| Thing {
-                    of,
-                    rows: Vec::new(),
-                    off: Vec::new(),
-                    aside: Vec::new(),
-                    configuration: block.configuration,
-                });
-                thing.rows.push(m.row(i));
-                thing.off.push(off);
-                thing.aside.push(!m.is_kept(i));
-            }
-        }
-    }
-    things.into_values().collect()
-}
-
-fn tag_of(feature: &Feature) -> Option<u32> {
-    match feature {
-        Feature::TagCorner(id, _) => Some(*id),
-        _ => None,
-    }
 }
 
 fn family(evidence: &Evidence<'_>, target: usize) -> Option<&'static str> {

@@ -22,6 +22,7 @@ pub mod sightings;
 mod span;
 pub mod structure;
 pub mod systematic;
+mod things;
 pub mod undetermined;
 mod weakest;
 

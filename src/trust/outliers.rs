@@ -131,18 +131,24 @@ pub fn contamination(plan: &Plan, residuals: &Residuals) -> (f64, f64) {
     let (mut scale, mut far, mut all) = (1.0_f64, 0, 0);
     let m = &plan.measurements;
     let [poses, points, contacts] = &residuals.whitened;
-    let pairs = poses.iter().zip(residuals.poses.iter().flat_map(|pose| [pose.is_some(); 2])).filter(|(_, seen)| *seen);
-    let kinds: [(Vec<f64>, f64); 4] = [
-        ((0..m.corner_count()).filter_map(|i| whitened(m, residuals, i)).collect(), MEDIANS[1]),
-        (pairs.map(|(s, _)| *s).collect(), MEDIANS[2]),
-        (seen(points, &residuals.points), MEDIANS[2]),
-        (seen(contacts, &residuals.contacts), MEDIANS[0]),
-    ];
-    for (squared, median_of_unit) in kinds.into_iter().filter(|(squared, _)| !squared.is_empty()) {
-        let limit = limit(squared.clone(), median_of_unit);
-        scale = scale.max(limit.sqrt() / TIMES);
-        far += squared.iter().filter(|s| **s > limit).count();
-        all += squared.len();
+    let pairs = residuals.poses.iter().flat_map(|pose| [pose; 2]);
+    let pairs: Vec<f64> = poses.iter().zip(pairs).filter(|(_, seen)| seen.is_some()).map(|(s, _)| *s).collect();
+    let (points, contacts) = (seen(points, &residuals.points), seen(contacts, &residuals.contacts));
+    let mut judge = |squared: &mut dyn Iterator<Item = f64>, again: &mut dyn Iterator<Item = f64>, median: f64| {
+        let limit = limit(squared.collect(), median);
+        if limit.is_finite() {
+            scale = scale.max(limit.sqrt() / TIMES);
+        }
+        for s in again {
+            far += usize::from(s > limit);
+            all += 1;
+        }
+    };
+    // Corners are gone through twice: a copy of what they weigh would be held for nothing.
+    let corners = || (0..m.corner_count()).filter_map(|i| whitened(m, residuals, i));
+    judge(&mut corners(), &mut corners(), MEDIANS[1]);
+    for (squared, median) in [(&pairs, MEDIANS[2]), (&points, MEDIANS[2]), (&contacts, MEDIANS[0])] {
+        judge(&mut squared.iter().copied(), &mut squared.iter().copied(), median);
     }
     (scale, far as f64 / all.max(1) as f64)
 }
