@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::residuals::Residuals;
 use super::undetermined::Evidence;
 use crate::geometry::{Feature, Pose};
-use crate::solve::{Block, Group, GroupKind};
+use crate::solve::{Block, GroupKind};
 
 /// What is left over of one tag or board in one picture, or of one measured pose.
 #[derive(Clone, Debug, PartialEq)]
@@ -19,8 +19,8 @@ pub(super) struct Response {
     pub(super) configuration: usize,
     /// What shares its error.
     pub(super) cluster: u64,
-    /// The robots between camera and target.
-    pub(super) robots: Vec<usize>,
+    /// Index into the plan's groups.
+    pub(super) group: usize,
     /// m.
     pub(super) distance: f64,
     /// Between the line of sight and the face's normal, rad.
@@ -32,27 +32,22 @@ pub(super) struct Response {
     pub(super) value: [f64; 3],
 }
 
-/// All responses, in the order of groups and blocks.
-pub(super) fn responses(evidence: &Evidence<'_>, residuals: &Residuals) -> Vec<Response> {
-    let one = |(group, poses): (&Group, &Vec<Pose>)| -> Vec<Response> {
-        let robots: Vec<usize> = group.path.robots().collect();
-        let blocks = group.blocks.par_iter().zip(poses);
-        match group.kind {
-            GroupKind::Corners { camera } => blocks
-                .flat_map_iter(|(block, pose)| corners(evidence, residuals, group, block, pose, camera, &robots))
-                .collect(),
-            GroupKind::Poses => {
-                let camera = evidence.tree.cameras.iter().position(|frame| *frame == group.path.from);
-                camera.map_or(Vec::new(), |camera| {
-                    blocks
-                        .flat_map_iter(|(block, pose)| poses_of(evidence, group, block, pose, camera, &robots))
-                        .collect()
-                })
-            }
-            GroupKind::Points | GroupKind::Contacts => Vec::new(),
+/// The responses of a group of the plan, in the order of its blocks.
+pub(super) fn responses(evidence: &Evidence<'_>, residuals: &Residuals, index: usize) -> Vec<Response> {
+    let group = &evidence.plan.groups[index];
+    let blocks = group.blocks.par_iter().zip(&evidence.poses[index]);
+    match group.kind {
+        GroupKind::Corners { camera } => {
+            blocks.flat_map_iter(|(block, pose)| corners(evidence, residuals, index, block, pose, camera)).collect()
         }
-    };
-    evidence.plan.groups.iter().zip(evidence.poses).flat_map(one).collect()
+        GroupKind::Poses => {
+            let camera = evidence.tree.cameras.iter().position(|frame| *frame == group.path.from);
+            camera.map_or(Vec::new(), |camera| {
+                blocks.flat_map_iter(|(block, pose)| poses_of(evidence, index, block, pose, camera)).collect()
+            })
+        }
+        GroupKind::Points | GroupKind::Contacts => Vec::new(),
+    }
 }
 
 fn tag_of(feature: &Feature) -> u64 {
@@ -65,17 +60,16 @@ fn tag_of(feature: &Feature) -> u64 {
 fn corners(
     evidence: &Evidence<'_>,
     residuals: &Residuals,
-    group: &Group,
+    group: usize,
     block: &Block,
     pose: &Pose,
     camera: usize,
-    robots: &[usize],
 ) -> Vec<Response> {
     let Some(lens) = &evidence.layout.cameras[camera].intrinsics else { return Vec::new() };
     let size = lens.size().map(f64::from);
     let m = &evidence.plan.measurements;
     let tag = |i: usize| tag_of(m.feature(i));
-    let still = group.path.is_static();
+    let still = evidence.plan.groups[group].path.is_static();
     let indices: Vec<usize> = (block.start..block.end).collect();
     // One appearance is one target in one picture.
     let appearances = m.appearances(block.start..block.end).map(|(range, _)| range);
@@ -106,7 +100,7 @@ fn corners(
                 pose: false,
                 configuration: block.configuration,
                 cluster,
-                robots: robots.to_vec(),
+                group,
                 distance: middle.norm(),
                 angle,
                 place: [centre.x / size[0], centre.y / size[1]],
@@ -116,17 +110,10 @@ fn corners(
         .collect()
 }
 
-fn poses_of(
-    evidence: &Evidence<'_>,
-    group: &Group,
-    block: &Block,
-    pose: &Pose,
-    camera: usize,
-    robots: &[usize],
-) -> Vec<Response> {
+fn poses_of(evidence: &Evidence<'_>, group: usize, block: &Block, pose: &Pose, camera: usize) -> Vec<Response> {
     let m = &evidence.plan.measurements;
     // A target that stands still before a camera is one cluster: it says nothing of what its error follows.
-    let cluster = if group.path.is_static() { 1 << 32 } else { block.configuration as u64 };
+    let cluster = if evidence.plan.groups[group].path.is_static() { 1 << 32 } else { block.configuration as u64 };
     let one = |measured: &Pose| {
         let apart = measured.translation - pose.translation;
         let sight = pose.translation.try_normalize(1e-9)?;
@@ -135,7 +122,7 @@ fn poses_of(
             pose: true,
             configuration: block.configuration,
             cluster,
-            robots: robots.to_vec(),
+            group,
             distance: pose.translation.norm(),
             angle: None,
             // Without a lens the picture's rim is not known: half a metre to the side at a metre's distance counts as such.

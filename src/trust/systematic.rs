@@ -11,6 +11,7 @@ use super::residuals::Residuals;
 use super::responses::{Response, responses};
 use super::undetermined::Evidence;
 use crate::recording::RobotMotion;
+use crate::solve::Group;
 
 /// What residuals follow.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -80,12 +81,31 @@ struct Bin {
     count: f64,
 }
 
+/// Where a response stands on a factor.
+#[derive(Clone, Copy, Debug)]
+enum Value {
+    Along(f64),
+    InPicture([f64; 2]),
+}
+
+impl Value {
+    fn at(self) -> [f64; 2] {
+        match self {
+            Self::Along(value) => [value, 0.0],
+            Self::InPicture(place) => place,
+        }
+    }
+}
+
 /// The remarks on one solution, the largest (against the scatter) of each camera first.
 #[must_use]
 pub fn systematic(evidence: &Evidence<'_>, residuals: &Residuals) -> Vec<Remark> {
     let mut by_camera: BTreeMap<(usize, bool), Vec<Response>> = BTreeMap::new();
-    for response in responses(evidence, residuals) {
-        by_camera.entry((response.camera, response.pose)).or_default().push(response);
+    for group in 0..evidence.plan.groups.len() {
+        let responses = responses(evidence, residuals, group);
+        if let Some(first) = responses.first() {
+            by_camera.entry((first.camera, first.pose)).or_default().extend(responses);
+        }
     }
     let mut all = Vec::new();
     for ((camera, pose), responses) in &by_camera {
@@ -94,7 +114,7 @@ pub fn systematic(evidence: &Evidence<'_>, residuals: &Residuals) -> Vec<Remark>
         let mut found: Vec<(f64, Remark)> = Vec::new();
         found.extend(follows(
             responses,
-            |r| Some(vec![r.distance]),
+            |r| Some(Value::Along(r.distance)),
             ALONG,
             |bins, size| {
                 (Factor::Distance, distance_words(name, bins, unit), SIZE_REMEDY.to_owned(), size * unit.1, unit.0)
@@ -102,7 +122,7 @@ pub fn systematic(evidence: &Evidence<'_>, residuals: &Residuals) -> Vec<Remark>
         ));
         found.extend(follows(
             responses,
-            |r| r.angle.map(|a| vec![a]),
+            |r| r.angle.map(Value::Along),
             ALONG,
             |bins, size| {
                 let (low, high) = ends(bins);
@@ -129,7 +149,7 @@ pub fn systematic(evidence: &Evidence<'_>, residuals: &Residuals) -> Vec<Remark>
         for axis in [ACROSS_X, ACROSS_Y] {
             found.extend(follows(
                 responses,
-                |r| Some(r.place.to_vec()),
+                |r| Some(Value::InPicture(r.place)),
                 axis,
                 |bins, size| {
                     let worst = bins.iter().fold(bins[0], |a, b| if b.mean.abs() > a.mean.abs() { *b } else { a });
@@ -225,13 +245,13 @@ fn joints(
     let mut best: Option<(f64, Remark)> = None;
     for (robot, described) in evidence.layout.robots.iter().enumerate() {
         let RobotMotion::Joints(values) = &evidence.recording.motions[robot] else { continue };
+        let crosses = |group: &Group| group.path.robots().any(|walked| walked == robot);
+        let crossed: Vec<bool> = evidence.plan.groups.iter().map(crosses).collect();
         let count = values.values().next().map_or(0, Vec::len);
         for joint in 0..count {
             let value = |r: &Response| {
-                let crosses = r.robots.contains(&robot);
-                crosses
-                    .then(|| values.get(&evidence.plan.configurations[r.configuration]).map(|q| vec![q[joint]]))
-                    .flatten()
+                let joints = values.get(&evidence.plan.configurations[r.configuration]).filter(|_| crossed[r.group])?;
+                Some(Value::Along(joints[joint]))
             };
             for axis in [ACROSS_X, ACROSS_Y, ALONG] {
                 let found = follows(responses, value, axis, |bins, size| {
@@ -265,7 +285,7 @@ fn joints(
 /// Whether a component follows a factor: how clearly, and the remark that `words` makes of the bins and the range of their means.
 fn follows(
     responses: &[Response],
-    factor: impl Fn(&Response) -> Option<Vec<f64>>,
+    factor: impl Fn(&Response) -> Option<Value>,
     component: usize,
     words: impl FnOnce(&[Bin], f64) -> (Factor, String, String, f64, &'static str),
 ) -> Option<(f64, Remark)> {
@@ -285,11 +305,10 @@ fn follows(
 }
 
 /// The means of a component in bins of a factor: five of equal counts along one dimension, thirds of the picture in two.
-fn bins(responses: &[Response], factor: impl Fn(&Response) -> Option<Vec<f64>>, component: usize) -> Option<Vec<Bin>> {
-    let mut valued: Vec<(Vec<f64>, &Response)> = responses.iter().filter_map(|r| Some((factor(r)?, r))).collect();
-    let flat = valued.first()?.0.len() == 2;
-    if !flat {
-        valued.sort_by(|a, b| a.0[0].total_cmp(&b.0[0]));
+fn bins(responses: &[Response], factor: impl Fn(&Response) -> Option<Value>, component: usize) -> Option<Vec<Bin>> {
+    let mut valued: Vec<(Value, &Response)> = responses.iter().filter_map(|r| Some((factor(r)?, r))).collect();
+    if let Value::Along(_) = valued.first()?.0 {
+        valued.sort_by(|a, b| a.0.at()[0].total_cmp(&b.0.at()[0]));
     }
     let count = valued.len();
     // Few independent means are put into few bins.
@@ -297,17 +316,20 @@ fn bins(responses: &[Response], factor: impl Fn(&Response) -> Option<Vec<f64>>, 
     clusters.sort_unstable();
     clusters.dedup();
     let number = if clusters.len() < 2 * BINS * MEANS { LEAST_BINS } else { BINS };
-    let mut members: BTreeMap<usize, Vec<&(Vec<f64>, &Response)>> = BTreeMap::new();
+    let mut members: BTreeMap<usize, Vec<&(Value, &Response)>> = BTreeMap::new();
     for (i, one) in valued.iter().enumerate() {
         let third = |x: f64| if x < 1.0 / 3.0 { 0 } else { usize::from(x > 2.0 / 3.0) + 1 };
-        let bin = if flat { 3 * third(one.0[1]) + third(one.0[0]) } else { i * number / count };
+        let bin = match one.0 {
+            Value::InPicture([x, y]) => 3 * third(y) + third(x),
+            Value::Along(_) => i * number / count,
+        };
         members.entry(bin).or_default().push(one);
     }
     let bins: Vec<Bin> = members.values().filter_map(|members| bin(members, component)).collect();
     (bins.len() >= LEAST_BINS).then_some(bins)
 }
 
-fn bin(members: &[&(Vec<f64>, &Response)], component: usize) -> Option<Bin> {
+fn bin(members: &[&(Value, &Response)], component: usize) -> Option<Bin> {
     let mut clusters: BTreeMap<u64, (f64, f64)> = BTreeMap::new();
     for (_, response) in members {
         let sum = clusters.entry(response.cluster).or_default();
@@ -320,8 +342,6 @@ fn bin(members: &[&(Vec<f64>, &Response)], component: usize) -> Option<Bin> {
     let count = means.len() as f64;
     let mean = means.iter().sum::<f64>() / count;
     let variance = means.iter().map(|m| (m - mean).powi(2)).sum::<f64>() / (count - 1.0);
-    let at = |axis: usize| {
-        members.iter().map(|(value, _)| value.get(axis).copied().unwrap_or(0.0)).sum::<f64>() / members.len() as f64
-    };
+    let at = |axis: usize| members.iter().map(|(value, _)| value.at()[axis]).sum::<f64>() / members.len() as f64;
     (variance > 0.0).then(|| Bin { at: [at(0), at(1)], mean, variance, count })
 }
