@@ -1,6 +1,7 @@
-//! Writes a recording of 7500 pictures' corners into a folder, to time and weigh `cellmap solve` on it.
+//! Writes a recording of three cameras' corners into a folder, to time and weigh `cellmap solve` on it: 7500 pictures, ten at each of 250 stops, or as many as
+//! are asked for. Every picture shows 40 corners.
 //!
-//! `cargo run --release --example paper_size_recording -- FOLDER`
+//! `cargo run --release --example paper_size_recording -- FOLDER [STOPS SHOTS]`
 
 use std::io::Write;
 use std::path::Path;
@@ -10,11 +11,16 @@ use cellmap::recording::{RobotMotion, write_detections};
 use cellmap::simulate::paper_size;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let folder = std::env::args().nth(1).ok_or("name a folder")?;
-    let folder = Path::new(&folder);
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let (folder, stops, shots) = match arguments.as_slice() {
+        [folder] => (folder, 250, 10),
+        [folder, stops, shots] => (folder, stops.parse()?, shots.parse()?),
+        _ => return Err("FOLDER [STOPS SHOTS]".into()),
+    };
+    let folder = Path::new(folder);
     std::fs::create_dir_all(folder)?;
     let truth = parse_layout(Path::new("truth.yaml"), &paper_size::truth(), None)?;
-    let recording = paper_size::record(&truth, 250, 10, 40, 0.1);
+    let recording = paper_size::record(&truth, stops, shots, 40, 0.1);
     std::fs::write(folder.join("truth.yaml"), paper_size::truth())?;
     std::fs::write(folder.join("layout.yaml"), paper_size::hidden(false))?;
     std::fs::write(folder.join("layout_free_lens.yaml"), paper_size::hidden(true))?;
