@@ -337,3 +337,60 @@ impl Held {
         self.appearances.is_sorted_by(|a, b| a.key() < b.key()) && self.appearances.iter().all(in_order)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Corners of two targets in a few pictures, in no order; every third has a covariance.
+    fn rows() -> Vec<CornerRow> {
+        let row = |i: u64| CornerRow {
+            configuration: i * 7 % 5,
+            shot: i % 2,
+            camera: (i / 3 % 2) as usize,
+            target: (i / 6 % 2) as usize,
+            feature: match i / 6 % 2 {
+                0 => Feature::BoardCorner(i as u32),
+                _ => Feature::Point(format!("p{i}")),
+            },
+            pixel: [i as f64, 0.5],
+            covariance: i.is_multiple_of(3).then_some([1.0, 0.0, 2.0]),
+        };
+        (0..60).map(row).collect()
+    }
+
+    #[test]
+    fn rows_come_back_in_order_and_changes_are_those_of_rows() {
+        let mut sorted = rows();
+        sorted.sort_by(|a, b| a.key().cmp(&b.key()));
+        let corners = Corners::from(rows());
+        assert_eq!(corners.iter().collect::<Vec<_>>(), sorted);
+        let place = |corner: usize| corners.appearances()[corners.place_of(corner)];
+        assert!((0..60).all(|corner| place(corner).corners().contains(&corner)));
+        let mut some = corners.clone();
+        some.retain(|one| one.camera == 1);
+        some.retain_each(|_, corner| some_odd(corner));
+        let kept = sorted.iter().filter(|row| row.camera == 1).enumerate().filter(|(i, _)| some_odd(*i));
+        assert_eq!(some.iter().collect::<Vec<_>>(), kept.map(|(_, row)| row.clone()).collect::<Vec<_>>());
+        let mut swapped = corners.clone();
+        swapped.edit(|rows| rows.iter_mut().for_each(|row| row.camera = 1 - row.camera));
+        assert_eq!(corners.with_cameras(|camera| 1 - camera), swapped);
+        assert_ne!(corners, swapped);
+    }
+
+    fn some_odd(corner: usize) -> bool {
+        corner % 2 == 1
+    }
+
+    #[test]
+    fn two_files_are_one_recording_unless_they_repeat_each_other() {
+        let all = Corners::from(rows());
+        let (mut even, mut odd) = (all.clone(), all.clone());
+        even.retain_each(|_, corner| !some_odd(corner));
+        odd.retain_each(|_, corner| some_odd(corner));
+        let mut joined = odd.clone();
+        assert!(!joined.join(&even));
+        assert_eq!(joined, all);
+        assert!(joined.join(&odd));
+    }
+}
