@@ -390,8 +390,8 @@ fn errors_of_links_and_lenses_are_in_the_truth() {
     told.robots[0].corrections.clone_from(&made.truth.robots[0].corrections);
     told.cameras.iter_mut().zip(&made.truth.cameras).for_each(|(a, b)| a.intrinsics.clone_from(&b.intrinsics));
     let solved = cells::solve(told, &made.recording);
-    assert!(solved.residuals.rms_px().unwrap() < 1e-9);
-    assert!(solve(&made).residuals.rms_px().unwrap() > 0.1);
+    assert!(solved.summary.rms_px().unwrap() < 1e-9);
+    assert!(solve(&made).summary.rms_px().unwrap() > 0.1);
 }
 
 /// A board that is waved before the cameras, and one of the arms on a rail.

@@ -303,7 +303,7 @@ fn half_turned_boards_are_put_right_by_the_robots_motion() {
         "{:?}",
         solved.undetermined
     );
-    assert!(solved.residuals.rms_px().unwrap() < 0.055, "{:?}", solved.residuals.rms_px());
+    assert!(solved.summary.rms_px().unwrap() < 0.055, "{:?}", solved.summary.rms_px());
     assert_eq!(solved.rejected.total(), 0);
     let (t, _) = (true_pose(&truth, "world_from_ur5e.base").inverse() * solved.pose("world_from_ur5e.base").unwrap())
         .magnitude();
@@ -371,7 +371,7 @@ fn a_corner_that_cannot_be_where_it_was_read_is_set_aside() {
     });
     let solved = solve(layout(&hidden(cells::TWO_ROBOTS)), &recording);
     assert!(solved.rejected.corners >= 4, "{:?}", solved.rejected);
-    assert!(solved.residuals.rms_px().unwrap() < 0.06, "{:?}", solved.residuals.rms_px());
+    assert!(solved.summary.rms_px().unwrap() < 0.06, "{:?}", solved.summary.rms_px());
     assert!(solved.report.final_cost < 1e6, "no corner costs more than it can be wrong");
 }
 
@@ -440,7 +440,7 @@ targets:
     // Solving the solution keeps what it found of the links.
     let second = solve(again, &recording);
     assert_eq!(second.state.corrections[0], solution_corrections(&second));
-    assert!((second.residuals.rms_points().unwrap() - solved.residuals.rms_points().unwrap()).abs() < 1e-9);
+    assert!((second.summary.rms_points().unwrap() - solved.summary.rms_points().unwrap()).abs() < 1e-9);
 }
 
 fn solution_corrections(solved: &cellmap::workflow::solve::Solved) -> Vec<f64> {

@@ -81,7 +81,7 @@ fn as_json(shown: &Demonstrated) -> Document {
         ("rendering_seconds", Document::Number(shown.rendering)),
         ("detecting_seconds", Document::Number(shown.detected.seconds)),
         ("solving_seconds", Document::Number(shown.solved.seconds.total)),
-        ("rms_px", shown.solved.residuals.rms_px().map_or(Document::Null, Document::Number)),
+        ("rms_px", shown.solved.summary.rms_px().map_or(Document::Null, Document::Number)),
         ("paper", errors(&PAPER)),
         ("published_method", shown.published.as_ref().map_or(Document::Null, errors)),
         ("joint_solve", errors(&shown.joint)),
@@ -102,7 +102,7 @@ fn show(shown: &Demonstrated, out: &std::path::Path) {
         s.unknowns,
         s.seconds.total
     );
-    if let Some(rms) = s.residuals.rms_px() {
+    if let Some(rms) = s.summary.rms_px() {
         say!("residual {rms:.3} px; every pose against the truth:");
     }
     super::compare::show(&shown.comparison);

@@ -14,7 +14,9 @@ use cellmap::layout::SolverChoice;
 use cellmap::recording::{Recording, atomic};
 use cellmap::report::report_solved;
 use cellmap::workflow::between::{Between, between};
+use cellmap::workflow::memory;
 use cellmap::workflow::solve::{SolveRequest, Solved, solve};
+use cellmap::workflow::streamed::Streamed;
 
 #[derive(Args, Debug)]
 #[command(
@@ -47,6 +49,9 @@ pub(super) struct Solve {
     /// Equations: auto, dense or sparse [default: auto]
     #[arg(long, value_name = "HOW", value_enum, hide_possible_values = true)]
     solver: Option<How>,
+    /// Memory that the solve may take, such as 500M or 2G; corners that do not fit are read again and again in pieces [default: no limit]
+    #[arg(long, value_name = "SIZE", value_parser = memory::bytes)]
+    memory: Option<u64>,
     /// Worker threads [default: one a core]; the result has the same bits for any number
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
@@ -70,7 +75,8 @@ impl Solve {
             Some(How::Dense) => SolverChoice::Dense,
             Some(How::Sparse) => SolverChoice::Sparse,
         };
-        let request = SolveRequest { detections: self.detections.clone(), start: self.start.clone(), solver };
+        let (detections, start, memory) = (self.detections.clone(), self.start.clone(), self.memory);
+        let request = SolveRequest { detections, start, solver, memory };
         let solved = solve(layout, &request)?;
         solution::write(&out, &solved).map_err(|e| {
             Complaint::of(&out, format!("the file cannot be written: {e}"), "say where else with `--out FILE`")
@@ -116,13 +122,20 @@ impl Solve {
 }
 
 impl Solve {
-    /// The pairs of frames asked for; the recording is read again only if there are any.
+    /// The pairs of frames asked for; the recording is read again only if there are any, and not if it does not fit into memory.
     fn between(&self, solved: &Solved) -> Result<Vec<Between>, InputError> {
         if self.between.is_empty() {
             return Ok(Vec::new());
         }
-        let recording = Recording::read(&solved.layout, self.detections.as_deref())?;
-        self.between.chunks_exact(2).map(|pair| between(solved, &recording, &pair[0], &pair[1], self.at)).collect()
+        let read;
+        let recording = match &solved.streamed {
+            Some(streamed) => &streamed.recording,
+            None => {
+                read = Recording::read(&solved.layout, self.detections.as_deref())?;
+                &read
+            }
+        };
+        self.between.chunks_exact(2).map(|pair| between(solved, recording, &pair[0], &pair[1], self.at)).collect()
     }
 }
 
@@ -196,6 +209,18 @@ fn as_json(solved: &Solved, between: &[Between]) -> Document {
             ("total", number(s.total)),
         ]),
     ));
+    if let (Some(streamed), Some(Document::Map(mut told))) = (&solved.streamed, findings::streamed(solved)) {
+        let (looked_through, first, passes) = &streamed.seconds;
+        told.push((
+            "seconds".to_owned(),
+            Document::map([
+                ("looked_through", number(*looked_through)),
+                ("first", number(*first)),
+                ("passes", Document::numbers(passes)),
+            ]),
+        ));
+        entries.push(("streamed".to_owned(), Document::Map(told)));
+    }
     entries.push(("poses".to_owned(), Document::Map(findings::poses(solved))));
     let parameters = findings::parameters(solved);
     if !parameters.is_empty() {
@@ -255,23 +280,18 @@ fn show(solved: &Solved) {
         }
     }
     say!("{} after {} linearisations", solved.report.termination.words(), solved.report.iterations);
-    let r = &solved.residuals;
+    let r = &solved.summary;
     if let Some(rms) = r.rms_px() {
-        say!("residual: {rms:.3} px a coordinate over {} corners", r.seen().count());
+        say!("residual: {rms:.3} px a coordinate over {} corners", r.corners.0);
     }
     if let Some([t, a]) = r.rms_poses() {
-        say!(
-            "residual: {:.3} mm and {:.3} deg over {} measured poses",
-            t * 1e3,
-            a.to_degrees(),
-            r.poses.iter().flatten().count()
-        );
+        say!("residual: {:.3} mm and {:.3} deg over {} measured poses", t * 1e3, a.to_degrees(), r.poses.0);
     }
     if let Some(e) = r.rms_points() {
-        say!("residual: {:.3} mm over {} measured points", e * 1e3, r.points.iter().flatten().count());
+        say!("residual: {:.3} mm over {} measured points", e * 1e3, r.points.0);
     }
     if let Some(e) = r.rms_contacts() {
-        say!("residual: {:.3} mm over {} contacts", e * 1e3, r.contacts.iter().flatten().count());
+        say!("residual: {:.3} mm over {} contacts", e * 1e3, r.contacts.0);
     }
     if solved.rejected.total() > 0 {
         let j = &solved.rejected;
@@ -300,9 +320,34 @@ fn show(solved: &Solved) {
     if solved.plan.solver().sparse_work.is_some() {
         say!("{}", solved.plan.solver().words());
     }
+    if let Some(streamed) = &solved.streamed {
+        show_streamed(streamed);
+    }
     for t in solved.tallies.iter().filter(|t| t.rejected > 0) {
         let of = t.accepted + t.rejected;
         say!("  of `{}` by `{}`: {} of {of} corners", t.target, t.camera, t.rejected);
     }
     show_findings(solved);
+}
+
+/// How a recording was solved that does not fit into memory.
+fn show_streamed(streamed: &Streamed) {
+    let [first, all] = streamed.configurations;
+    say!(
+        "in {} of memory: {} corners of {all} configurations, of which {first} (one of {}) were solved first in {:.3} s;",
+        memory::words(streamed.memory),
+        streamed.corners,
+        streamed.stride,
+        streamed.seconds.1
+    );
+    let passes: Vec<String> = streamed.seconds.2.iter().map(|seconds| format!("{seconds:.3}")).collect();
+    say!(
+        "      {:.3} s to look through the files, then passes of {} s in {} pieces",
+        streamed.seconds.0,
+        passes.join(", "),
+        streamed.chunks
+    );
+    say!(
+        "      poses, standard deviations and counts are those of all; factors, remarks and faults those of the {first}"
+    );
 }

@@ -194,10 +194,29 @@ pub fn faults(faults: &[crate::trust::Fault]) -> Document {
     Document::List(faults.iter().map(one).collect())
 }
 
+/// How a recording was solved that does not fit into memory, and what is then said of a part of it only.
+#[must_use]
+pub fn streamed(solved: &Solved) -> Option<Document> {
+    let streamed = solved.streamed.as_ref()?;
+    let [first, all] = streamed.configurations;
+    let costs: Vec<f64> = streamed.report.costs.iter().map(|(cost, _)| *cost).collect();
+    Some(Document::map([
+        ("memory_bytes", Document::Whole(streamed.memory)),
+        ("configurations", Document::Whole(all as u64)),
+        ("solved_first", Document::Whole(first as u64)),
+        ("one_of", Document::Whole(streamed.stride)),
+        ("corners", Document::Whole(streamed.corners as u64)),
+        ("pieces", Document::Whole(streamed.chunks as u64)),
+        ("costs_of_passes", Document::numbers(&costs)),
+        ("step_left_over_sigma", Document::Number(streamed.report.left_over)),
+        ("of_a_part", Document::Row(["faults", "remarks", "scales"].into_iter().map(Document::text).collect())),
+    ]))
+}
+
 /// The quality of the fit.
 #[must_use]
 pub fn fit(solved: &Solved) -> Vec<(String, Document)> {
-    let r = &solved.residuals;
+    let r = &solved.summary;
     let optional = |value: Option<f64>| value.map_or(Document::Null, Document::Number);
     let poses = r.rms_poses();
     vec![

@@ -5,7 +5,7 @@
 
 use std::path::Path;
 
-use super::findings::{faults, fit, parameters, poses, remarks, scales, undetermined, weak};
+use super::findings::{faults, fit, parameters, poses, remarks, scales, streamed, undetermined, weak};
 use crate::layout::write::sections;
 use crate::layout::{Document, Paths};
 use crate::recording::atomic;
@@ -55,6 +55,7 @@ fn found(solved: &Solved) -> Document {
         entries.push(("moving".to_owned(), Document::Map(moving)));
     }
     entries.push(("fit".to_owned(), Document::Map(fit(solved))));
+    entries.extend(streamed(solved).map(|streamed| ("streamed".to_owned(), streamed)));
     entries.push(("faults".to_owned(), faults(&solved.faults)));
     entries.push(("undetermined".to_owned(), undetermined(solved)));
     entries.push(("weak".to_owned(), weak(solved)));

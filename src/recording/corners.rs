@@ -225,6 +225,20 @@ impl Corners {
         Self { names: Arc::clone(&self.names), held: Arc::new(held) }
     }
 
+    /// Those of several parts of a recording; none if two are of the same thing.
+    pub(super) fn together(mut parts: Vec<Self>) -> Option<Self> {
+        if parts.len() == 1 {
+            return parts.pop();
+        }
+        let mut all = Held::default();
+        all.reserve(parts.iter().map(Self::len).sum());
+        let names = parts.first().map(|first| Arc::clone(&first.names)).unwrap_or_default();
+        for part in parts.drain(..) {
+            all.append(&part.held);
+        }
+        all.order().then(|| Self::new(names, all))
+    }
+
     /// Adds those of another file of the same layout; says whether two are of the same thing.
     pub(super) fn join(&mut self, others: &Self) -> bool {
         let mut all = Held::default();

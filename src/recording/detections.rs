@@ -34,7 +34,39 @@ pub(super) fn read_and_digest(path: &Path, layout: &Layout) -> Result<(Corners, 
 
 /// The reader that knows what is wrong with a file and where.
 fn read_carefully(path: &Path, layout: &Layout) -> Result<Corners, InputError> {
-    let mut table = Table::open(path, &COLUMNS)?;
+    each_once(path, layout, rows_of(Table::open(path, &COLUMNS)?, layout)?)
+}
+
+/// Lines of a file under its header.
+pub(super) struct Piece {
+    pub(super) text: Vec<u8>,
+    /// Bytes of the header.
+    pub(super) header: usize,
+    /// Lines of the file between the header and the rest.
+    pub(super) passed_over: usize,
+}
+
+/// As [`read_detections`], but only some pieces of the file, and of their corners only those at configurations that are wanted.
+pub(super) fn read_pieces(
+    path: &Path,
+    layout: &Layout,
+    pieces: Vec<Piece>,
+    wanted: impl Fn(u64) -> bool,
+) -> Result<Corners, InputError> {
+    if let Some(mut corners) = swift::read_pieces(&pieces, layout) {
+        corners.retain(|one| wanted(one.configuration));
+        return Ok(corners);
+    }
+    let mut rows = Vec::new();
+    for Piece { text, passed_over, .. } in pieces {
+        rows.extend(rows_of(Table::part(path, text, passed_over, &COLUMNS)?, layout)?);
+    }
+    rows.retain(|(row, _)| wanted(row.configuration));
+    each_once(path, layout, rows)
+}
+
+/// The rows of a table and the lines that they stand on.
+fn rows_of(mut table: Table, layout: &Layout) -> Result<Vec<(CornerRow, usize)>, InputError> {
     let [configuration, shot, camera, target, tag, corner, u, v] = table.columns(COLUMNS);
     let covariance = table.column("suu").map(|_| table.columns(COVARIANCE));
     let cameras: Vec<&str> = layout.cameras.iter().map(|camera| camera.name.as_str()).collect();
@@ -82,6 +114,11 @@ fn read_carefully(path: &Path, layout: &Layout) -> Result<Corners, InputError> {
         };
         rows.push((found, row.line));
     }
+    Ok(rows)
+}
+
+/// Puts rows into order; two of one corner are a fault.
+fn each_once(path: &Path, layout: &Layout, mut rows: Vec<(CornerRow, usize)>) -> Result<Corners, InputError> {
     rows.sort_by(|(a, _), (b, _)| a.key().cmp(&b.key()));
     if let Some(pair) = rows.windows(2).find(|pair| pair[0].0.key() == pair[1].0.key()) {
         let (first, second) = (pair[0].1.min(pair[1].1), pair[0].1.max(pair[1].1));

@@ -6,8 +6,11 @@
 
 pub mod atomic;
 mod cells;
+mod chunks;
 pub mod corners;
 pub mod detections;
+mod evenly;
+mod index;
 pub mod motion;
 mod names;
 mod swift;
@@ -16,14 +19,17 @@ pub mod targets;
 pub mod write;
 
 use std::collections::BTreeMap;
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
 use crate::complaint::{Complaint, InputError};
 use crate::geometry::Pose;
 use crate::layout::{Layout, Motion};
 
+pub use chunks::Wanted;
 pub use corners::{Appearance, CornerRow, Corners};
 pub use detections::{read_detections, write_detections, write_exact_detections};
+pub use index::{CornerIndex, Pair};
 pub use motion::{FlangePoses, JointValues, read_flange_poses, read_joints};
 pub use names::Names;
 pub use targets::{ContactRow, PointRow, PoseRow, read_contacts, read_points, read_target_poses};
@@ -50,6 +56,15 @@ impl RobotMotion {
         match self {
             Self::Joints(values) => values.contains_key(&configuration),
             Self::Flange(poses) => poses.contains_key(&configuration),
+        }
+    }
+
+    /// The same at the configurations of a range alone.
+    #[must_use]
+    pub fn during(&self, range: &RangeInclusive<u64>) -> Self {
+        match self {
+            Self::Joints(values) => Self::Joints(values.range(range.clone()).map(|(c, q)| (*c, q.clone())).collect()),
+            Self::Flange(poses) => Self::Flange(poses.range(range.clone()).map(|(c, pose)| (*c, *pose)).collect()),
         }
     }
 
@@ -120,21 +135,7 @@ impl Recording {
     /// Faults of the files; no measurement at all.
     pub fn read(layout: &Layout, detections: Option<&Path>) -> Result<Self, InputError> {
         let mut recording = Self::read_motion(layout)?;
-        let observations = &layout.observations;
-        let default = layout.recording.join(DEFAULT_DETECTIONS);
-        let corner_files: Vec<PathBuf> = match detections {
-            Some(path) => vec![path.to_owned()],
-            None if observations.given => observations.detections.iter().map(|f| layout.recording.join(f)).collect(),
-            None if default.exists() => vec![default],
-            None => {
-                return Err(Complaint::of(
-                    &layout.file,
-                    "there is nothing to solve from: the layout has no `observations` and the recording no `detections.csv`",
-                    "run `cellmap detect` on the layout first",
-                )
-                .into());
-            }
-        };
+        let corner_files = Self::corner_files(layout, detections)?;
         let mut twice = false;
         for path in corner_files {
             let (corners, digest) = detections::read_and_digest(&path, layout)?;
@@ -146,32 +147,10 @@ impl Recording {
             recording.digests.extend(digest.map(|digest| (path.clone(), digest)));
             recording.note(path);
         }
-        for file in &observations.target_poses {
-            let path = layout.recording.join(file);
-            recording.poses.extend(read_target_poses(&path, layout)?);
-            recording.note(path);
-        }
-        for file in &observations.points {
-            let path = layout.recording.join(file);
-            recording.points.extend(read_points(&path, layout)?);
-            recording.note(path);
-        }
-        for file in &observations.contacts {
-            let path = layout.recording.join(file);
-            recording.contacts.extend(read_contacts(&path, layout)?);
-            recording.note(path);
-        }
+        recording.read_others(layout)?;
         // Several files of one kind are one recording: their order must not matter, and none may repeat another.
-        twice |= merge(&mut recording.poses, |a, b| a.key().cmp(&b.key()));
-        twice |= merge(&mut recording.points, |a, b| a.key().cmp(&b.key()));
-        twice |= merge(&mut recording.contacts, |a, b| a.key().cmp(&b.key()));
         if twice {
-            return Err(Complaint::of(
-                &layout.file,
-                "two files of `observations` hold the same measurement",
-                "name every file once, and give repeated measurements different shots",
-            )
-            .into());
+            return Err(chunks::twice(layout));
         }
         if recording.corners.is_empty()
             && recording.poses.is_empty()
@@ -186,6 +165,55 @@ impl Recording {
             .into());
         }
         Ok(recording)
+    }
+
+    /// The files that hold the corners; see [`Recording::read`].
+    ///
+    /// # Errors
+    /// Neither `observations` nor `detections.csv`.
+    pub fn corner_files(layout: &Layout, detections: Option<&Path>) -> Result<Vec<PathBuf>, InputError> {
+        let observations = &layout.observations;
+        let default = layout.recording.join(DEFAULT_DETECTIONS);
+        match detections {
+            Some(path) => Ok(vec![path.to_owned()]),
+            None if observations.given => {
+                Ok(observations.detections.iter().map(|f| layout.recording.join(f)).collect())
+            }
+            None if default.exists() => Ok(vec![default]),
+            None => Err(Complaint::of(
+                &layout.file,
+                "there is nothing to solve from: the layout has no `observations` and the recording no `detections.csv`",
+                "run `cellmap detect` on the layout first",
+            )
+            .into()),
+        }
+    }
+
+    /// Reads all measurements but corners.
+    ///
+    /// # Errors
+    /// Faults of the files; a measurement that two files hold.
+    pub fn read_others(&mut self, layout: &Layout) -> Result<(), InputError> {
+        let observations = &layout.observations;
+        for file in &observations.target_poses {
+            let path = layout.recording.join(file);
+            self.poses.extend(read_target_poses(&path, layout)?);
+            self.note(path);
+        }
+        for file in &observations.points {
+            let path = layout.recording.join(file);
+            self.points.extend(read_points(&path, layout)?);
+            self.note(path);
+        }
+        for file in &observations.contacts {
+            let path = layout.recording.join(file);
+            self.contacts.extend(read_contacts(&path, layout)?);
+            self.note(path);
+        }
+        let twice = merge(&mut self.poses, |a, b| a.key().cmp(&b.key()))
+            || merge(&mut self.points, |a, b| a.key().cmp(&b.key()))
+            || merge(&mut self.contacts, |a, b| a.key().cmp(&b.key()));
+        if twice { Err(chunks::twice(layout)) } else { Ok(()) }
     }
 
     /// What lies between two places of a robot's chain at a configuration (`from < to`, see [`crate::robot::Chain::flange_place`]), with the links

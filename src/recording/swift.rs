@@ -14,7 +14,7 @@ use std::sync::Arc;
 use super::Digest;
 use super::cells::{cell, ends, number_at, one_of, whole};
 use super::corners::{Appearance, Corners, Held};
-use super::detections::{COLUMNS, COVARIANCE, feature_of};
+use super::detections::{COLUMNS, COVARIANCE, Piece, feature_of};
 use super::names::Names;
 use crate::geometry::{Feature, TargetGeometry};
 use crate::layout::{Layout, Target};
@@ -94,6 +94,17 @@ pub(super) fn read_through(
         filled -= whole;
     }
     Some((reader?.finish(held)?, hash.finalize().into()))
+}
+
+/// The corners of some pieces of a file; none if there is anything unusual about them.
+pub(super) fn read_pieces(pieces: &[Piece], layout: &Layout) -> Option<Corners> {
+    let Some(first) = pieces.first() else { return Some(Corners::default()) };
+    let reader = Reader::new(layout, first.text.get(..first.header)?)?;
+    let mut held = Held::default();
+    for piece in pieces {
+        reader.lines(piece.text.get(piece.header..)?, &mut held)?;
+    }
+    reader.finish(held)
 }
 
 /// Reads until there is no more or no more room.

@@ -1,5 +1,6 @@
 //! A CSV file with a header: named columns, checked cells, line numbers in every complaint.
 
+use std::io::{Cursor, Read};
 use std::path::{Path, PathBuf};
 
 use crate::complaint::{Complaint, InputError, list, nearest};
@@ -8,7 +9,9 @@ use crate::layout::plain;
 /// A CSV file being read.
 pub struct Table {
     file: PathBuf,
-    reader: csv::Reader<std::fs::File>,
+    reader: csv::Reader<Box<dyn Read>>,
+    /// Lines of the file between the header and what is read.
+    passed_over: usize,
     record: csv::ByteRecord,
     columns: usize,
     header: Vec<String>,
@@ -41,8 +44,17 @@ impl Table {
                 "paths are relative to the recording's folder, by default the layout's own",
             )
         })?;
+        Self::over(path, Box::new(file), 0, required)
+    }
+
+    /// As [`Table::open`], of a part of a file that is in memory already: its header, and then the lines after the first `passed_over` ones below it.
+    pub(super) fn part(path: &Path, text: Vec<u8>, passed_over: usize, required: &[&str]) -> Result<Self, InputError> {
+        Self::over(path, Box::new(Cursor::new(text)), passed_over, required)
+    }
+
+    fn over(path: &Path, from: Box<dyn Read>, passed_over: usize, required: &[&str]) -> Result<Self, InputError> {
         let mut reader =
-            csv::ReaderBuilder::new().flexible(true).trim(csv::Trim::All).buffer_capacity(1 << 16).from_reader(file);
+            csv::ReaderBuilder::new().flexible(true).trim(csv::Trim::All).buffer_capacity(1 << 16).from_reader(from);
         let header: Vec<String> = match reader.headers() {
             Ok(header) => header.iter().map(|name| name.trim_start_matches('\u{feff}').to_owned()).collect(),
             Err(e) => {
@@ -64,7 +76,8 @@ impl Table {
                 return Err(Complaint::at(path, 1, format!("the column `{name}` is missing"), remedy).into());
             }
         }
-        Ok(Self { file: path.to_owned(), reader, record: csv::ByteRecord::new(), columns: header.len(), header })
+        let (file, record, columns) = (path.to_owned(), csv::ByteRecord::new(), header.len());
+        Ok(Self { file, reader, passed_over, record, columns, header })
     }
 
     /// The place of a column, if the file has it.
@@ -92,13 +105,13 @@ impl Table {
     pub fn next_row(&mut self) -> Result<Option<Row<'_>>, InputError> {
         loop {
             let more = self.reader.read_byte_record(&mut self.record).map_err(|e| {
-                let line = e.position().map_or(1, |p| p.line() as usize);
+                let line = e.position().map_or(1, |p| p.line() as usize) + self.passed_over;
                 Complaint::at(&self.file, line, format!("the line cannot be read: {e}"), "check quotes and encoding")
             })?;
             if !more {
                 return Ok(None);
             }
-            let line = self.record.position().map_or(1, |p| p.line() as usize);
+            let line = self.record.position().map_or(1, |p| p.line() as usize) + self.passed_over;
             if self.record.len() == 1 && self.record.get(0).is_some_and(<[u8]>::is_empty) {
                 continue;
             }

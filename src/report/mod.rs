@@ -45,12 +45,19 @@ pub struct ReportInput<'a> {
 /// The report of a cell that has just been solved, as HTML.
 ///
 /// # Errors
-/// Faults of the recording, which is read again.
+/// Faults of the recording, which is read again unless it does not fit into memory.
 pub fn report_solved(solved: &Solved, request: &SolveRequest) -> Result<String, InputError> {
-    let recording = Recording::read(&solved.layout, request.detections.as_deref())?;
+    let read;
+    let recording = match &solved.streamed {
+        Some(streamed) => &streamed.recording,
+        None => {
+            read = Recording::read(&solved.layout, request.detections.as_deref())?;
+            &read
+        }
+    };
     let whole = serde_json::to_value(document(solved, Path::new("."))).unwrap_or_default();
     let findings = whole.get("solution").cloned().unwrap_or_default();
-    Ok(page::page(&ReportInput { solved, recording: &recording, findings, fresh: true }))
+    Ok(page::page(&ReportInput { solved, recording, findings, fresh: true }))
 }
 
 /// The report of a solution file: the recording is read and everything is evaluated at the poses found.

@@ -66,6 +66,14 @@ pub(super) fn summary(input: &ReportInput<'_>) -> String {
             prose(&text(fit.get("termination")))
         ));
     }
+    if let Some(streamed) = &s.streamed {
+        let [first, all] = streamed.configurations;
+        html.push_str(&format!(
+            "<p>The corners did not fit into the memory that was given. Poses, standard deviations and counts are those of all {all} configurations; \
+             pictures, figures, lists of residuals, factors, remarks and faults are those of {first} of them, one of {}.</p>",
+            streamed.stride
+        ));
+    }
     for fault in items(f.get("faults")).iter().filter(|fault| text(fault.get("action")) == "refused") {
         html.push_str(&format!(
             "<p class=\"warn\"><a href=\"#faults\">Wrong</a>: {}.</p>",

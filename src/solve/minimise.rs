@@ -13,9 +13,7 @@ use super::assemble::{Assembler, Normal};
 use super::loss::Loss;
 use super::state::State;
 use super::system::System;
-use super::unknowns::UnknownKind;
-use crate::frames::{FrameTree, Freedom};
-use crate::geometry::Pose;
+use crate::frames::FrameTree;
 use crate::geometry::pose::Twist;
 
 /// When to stop.
@@ -310,31 +308,7 @@ impl Step {
     /// Puts the state after the step into `next`.
     pub(super) fn apply(&self, assembler: &Assembler<'_>, tree: &FrameTree, state: &State, next: &mut State) {
         next.copy_from(state);
-        for block in &assembler.plan.unknowns.blocks {
-            let d = &self.shared[block.start..block.start + block.count()];
-            match &block.kind {
-                UnknownKind::Edge(edge) => {
-                    let pose = &mut next.static_poses[*edge];
-                    *pose = match tree.static_edges[*edge].freedom {
-                        Freedom::Pose => pose.retract(&Twist::from_column_slice(d)),
-                        Freedom::Translation => *pose * Pose::from_translation(d[0], d[1], d[2]),
-                        Freedom::Fixed => *pose,
-                    };
-                }
-                UnknownKind::Links { robot, places, .. } => {
-                    for (place, d) in places.iter().zip(d) {
-                        next.corrections[*robot][*place] += d;
-                    }
-                }
-                UnknownKind::Lens { camera, places } => {
-                    for (place, d) in places.iter().zip(d) {
-                        let value = &mut next.lenses[*camera][*place];
-                        // A focal length stays positive: a step never takes more than half of it.
-                        *value = if *place < 2 { (*value + d).max(0.5 * *value) } else { *value + d };
-                    }
-                }
-            }
-        }
+        next.advance(&assembler.plan.unknowns, tree, &self.shared);
         for unit in assembler.local_units() {
             for (&edge, d) in unit.edges.iter().zip(unit.step.chunks_exact(6)) {
                 let pose = &mut next.moving_poses[edge][unit.configuration];

@@ -26,6 +26,7 @@ mod measurements;
 mod minimise;
 mod normal;
 mod pack;
+pub mod passes;
 mod pattern;
 mod plan;
 mod prior;

@@ -11,6 +11,7 @@ use super::assemble::shape;
 use super::equations::{Equations, Solver};
 use super::gather::{Gathered, check_motion, gather, seen_unknowns};
 use super::measurements::{Contact, Measurements};
+use super::robots::stops;
 use super::unknowns::Unknowns;
 use crate::frames::{FrameId, FrameTree, Freedom, Path, Step};
 use crate::geometry::Feature;
@@ -171,13 +172,26 @@ impl Plan {
     /// # Errors
     /// [`PlanError::NoMotion`] for a measurement at a configuration where a robot on its path was not recorded.
     pub fn new(layout: &Layout, tree: &FrameTree, recording: &Recording) -> Result<Self, PlanError> {
+        Self::of(layout, tree, recording, None)
+    }
+
+    /// Other measurements of the same unknowns, with the same equations.
+    ///
+    /// # Errors
+    /// As [`Plan::new`].
+    pub fn part(&self, layout: &Layout, tree: &FrameTree, recording: &Recording) -> Result<Self, PlanError> {
+        Self::of(layout, tree, recording, Some(self))
+    }
+
+    fn of(layout: &Layout, tree: &FrameTree, recording: &Recording, whole: Option<&Self>) -> Result<Self, PlanError> {
         let Gathered { rows: gathered, places } = gather(layout, tree, recording);
         let mut configurations: Vec<u64> = gathered.values().flat_map(|by| by.keys().copied()).collect();
         configurations.sort_unstable();
         configurations.dedup();
         let paths: Vec<Path> = gathered.keys().map(|(_, from, to)| tree.path(*from, *to)).collect();
         check_motion(layout, tree, recording, &gathered, &paths)?;
-        let unknowns = seen_unknowns(layout, tree, gathered.keys().map(|key| key.0).zip(&paths));
+        let seen = || seen_unknowns(layout, tree, gathered.keys().map(|key| key.0).zip(&paths));
+        let unknowns = whole.map_or_else(seen, |whole| whole.unknowns.clone());
         let mut plan = Self {
             configurations,
             groups: Vec::new(),
@@ -206,7 +220,8 @@ impl Plan {
             plan.groups.push(Group { path, compiled, kind, blocks });
         }
         let shapes: Vec<_> = plan.groups.iter().map(|group| shape(&plan.unknowns, group)).collect();
-        plan.equations = Equations::new(&plan.unknowns, &plan.groups, &shapes, layout.solve.solver);
+        let choose = || Equations::new(&plan.unknowns, &plan.groups, &shapes, layout.solve.solver);
+        plan.equations = whole.map_or_else(choose, |whole| whole.equations.clone());
         Ok(plan)
     }
 
@@ -323,13 +338,4 @@ impl Plan {
     pub fn scalar_count(&self) -> usize {
         self.measurements.scalar_count()
     }
-}
-
-/// The robots of a layout that stop inexactly.
-fn stops(layout: &Layout) -> Vec<Stop> {
-    let one = |(robot, described): (usize, &crate::layout::Robot)| {
-        let [translation, rotation] = described.repeatability?;
-        Some(Stop { robot, sigma: PoseSigma { translation: [translation; 3], rotation: [rotation; 3] } })
-    };
-    layout.robots.iter().enumerate().filter_map(one).collect()
 }

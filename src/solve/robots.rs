@@ -3,11 +3,11 @@
 use rayon::prelude::*;
 
 use super::chain::SegmentValues;
-use super::plan::Plan;
+use super::plan::{Plan, Stop};
 use super::state::State;
 use super::unknowns::UnknownKind;
 use crate::geometry::Pose;
-use crate::layout::{Layout, Motion};
+use crate::layout::{Layout, Motion, PoseSigma, Robot};
 use crate::recording::{Recording, RobotMotion};
 use crate::robot::Chain;
 
@@ -30,7 +30,7 @@ pub(super) fn robot_data<'a>(layout: &'a Layout, recording: &'a Recording, plan:
             _ => Vec::new(),
         })
     };
-    let one = |(index, robot): (usize, &'a crate::layout::Robot)| {
+    let one = |(index, robot): (usize, &'a Robot)| {
         let mut data = RobotData { chain: None, joints: Vec::new(), flange: Vec::new(), wanted: wanted(index) };
         if let Motion::Joints { chain, .. } = &robot.motion {
             data.chain = Some(chain);
@@ -87,4 +87,13 @@ pub(super) fn fill_segments(
             });
         }
     }
+}
+
+/// The robots of a layout that stop inexactly.
+pub(super) fn stops(layout: &Layout) -> Vec<Stop> {
+    let one = |(robot, described): (usize, &Robot)| {
+        let [translation, rotation] = described.repeatability?;
+        Some(Stop { robot, sigma: PoseSigma { translation: [translation; 3], rotation: [rotation; 3] } })
+    };
+    layout.robots.iter().enumerate().filter_map(one).collect()
 }

@@ -1,7 +1,10 @@
 //! The numbers that are being found.
 
+use super::unknowns::{UnknownKind, Unknowns};
+use crate::frames::{FrameTree, Freedom};
 use crate::geometry::Pose;
 use crate::geometry::lens::MAX_PARAMETERS;
+use crate::geometry::pose::Twist;
 
 /// A value for every edge, link parameter and lens of a cell, known ones included.
 #[derive(Clone, Debug, PartialEq, Default)]
@@ -23,6 +26,35 @@ impl State {
         self.moving_poses.clone_from(&other.moving_poses);
         self.corrections.clone_from(&other.corrections);
         self.lenses.clone_from(&other.lenses);
+    }
+
+    /// Takes a step of the shared unknowns.
+    pub(super) fn advance(&mut self, unknowns: &Unknowns, tree: &FrameTree, step: &[f64]) {
+        for block in &unknowns.blocks {
+            let d = &step[block.start..block.start + block.count()];
+            match &block.kind {
+                UnknownKind::Edge(edge) => {
+                    let pose = &mut self.static_poses[*edge];
+                    *pose = match tree.static_edges[*edge].freedom {
+                        Freedom::Pose => pose.retract(&Twist::from_column_slice(d)),
+                        Freedom::Translation => *pose * Pose::from_translation(d[0], d[1], d[2]),
+                        Freedom::Fixed => *pose,
+                    };
+                }
+                UnknownKind::Links { robot, places, .. } => {
+                    for (place, d) in places.iter().zip(d) {
+                        self.corrections[*robot][*place] += d;
+                    }
+                }
+                UnknownKind::Lens { camera, places } => {
+                    for (place, d) in places.iter().zip(d) {
+                        let value = &mut self.lenses[*camera][*place];
+                        // A focal length stays positive: a step never takes more than half of it.
+                        *value = if *place < 2 { (*value + d).max(0.5 * *value) } else { *value + d };
+                    }
+                }
+            }
+        }
     }
 
     /// Whether every number is finite.

@@ -15,6 +15,7 @@ use super::local::LocalUnit;
 use super::plan::{CompiledPath, CompiledStep, Group, GroupKind};
 use super::robots::fill_segments;
 use super::state::State;
+use crate::frames::FrameId;
 use crate::geometry::Pose;
 use crate::geometry::lens::{Lens, with_lens};
 
@@ -29,6 +30,19 @@ pub struct Term {
     pub gradient: DVector<f64>,
     /// How often the same thing was measured: for a corner that never moves, its pictures.
     pub repeats: usize,
+    /// Which corner that is.
+    pub corner: Option<StillCorner>,
+}
+
+/// A corner of a still target in a still camera.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct StillCorner {
+    /// The camera's place in the layout.
+    pub camera: usize,
+    /// The frame that the corner stands in.
+    pub frame: FrameId,
+    /// The bits of its place there.
+    pub place: [u64; 3],
 }
 
 /// All measurements, taken apart; the sum of all terms is the problem's information and gradient.
@@ -80,6 +94,13 @@ fn is_still(group: &Group) -> bool {
 impl Assembler<'_> {
     /// Takes the equations of least squares at `state` apart. Costs about one linearisation.
     pub fn terms(&mut self, state: &State) -> Terms {
+        let mut configurations = Vec::new();
+        let rest = self.terms_in_batches(state, usize::MAX, |batch| configurations = batch);
+        Terms { configurations, ..rest }
+    }
+
+    /// As [`Assembler::terms`], but those of configurations are handed on, of so many at once, and not kept.
+    pub fn terms_in_batches(&mut self, state: &State, most: usize, mut hand_on: impl FnMut(Vec<Term>)) -> Terms {
         self.linearise_locally(state);
         let mut members: Vec<Vec<(usize, usize)>> = vec![Vec::new(); self.plan.configurations.len()];
         let mut still = Vec::new();
@@ -97,19 +118,39 @@ impl Assembler<'_> {
             local[unit.configuration] = Some(unit);
         }
         let this: &Self = self;
-        let configurations: Vec<Term> = members
-            .par_iter()
-            .zip(local)
-            .map_init(Scratch::default, |scratch, (members, local)| this.configuration(members, local, state, scratch))
-            .collect();
+        let kept = |term: &Term| !term.columns.is_empty();
+        for (members, local) in members.chunks(most.max(1)).zip(local.chunks(most.max(1))) {
+            let terms = members.par_iter().zip(local).map_init(Scratch::default, |scratch, (members, local)| {
+                this.configuration(members, *local, state, scratch)
+            });
+            let terms: Vec<Term> = terms.collect();
+            hand_on(terms.into_iter().filter(kept).collect());
+        }
         let corners: Vec<Vec<Term>> =
             still.par_iter().map(|(group, shape)| this.still_corners(group, shape, state)).collect();
-        let kept = |term: &Term| !term.columns.is_empty();
         Terms {
-            configurations: configurations.into_iter().filter(kept).collect(),
+            configurations: Vec::new(),
             corners: corners.into_iter().flatten().filter(kept).collect(),
-            stops: this.local_units().map(|unit| 2.0 * unit.belief_cost(this.plan, state)).sum(),
+            stops: this.stops(state),
         }
+    }
+
+    /// Bytes that the terms of all configurations take at most.
+    #[must_use]
+    pub fn term_bytes(&self) -> usize {
+        let mut columns = vec![0; self.plan.configurations.len()];
+        for (group, shape) in self.plan.groups.iter().zip(&self.shapes).filter(|(group, _)| !is_still(group)) {
+            let own: usize = shape.shared.iter().map(|(_, _, count)| count).sum();
+            group.blocks.iter().for_each(|block| columns[block.configuration] += own);
+        }
+        let most = self.plan.unknowns.count;
+        columns.into_iter().map(|own: usize| 8 * own.min(most).pow(2)).sum()
+    }
+
+    /// The sum of the squared whitened twists of robots that stop inexactly.
+    #[must_use]
+    pub fn stops(&self, state: &State) -> f64 {
+        self.local_units().map(|unit| 2.0 * unit.belief_cost(self.plan, state)).sum()
     }
 
     /// Everything at one configuration but still corners.
@@ -167,8 +208,9 @@ impl Assembler<'_> {
         let pose = pose_and_jacobian(path, first.configuration, state, &self.segments, &mut jacobian);
         let (turn, lens, model) = (pose.rotation_matrix().transpose(), &state.lenses[camera], self.lens_models[camera]);
         let columns: Vec<usize> = places(shape).into_iter().flatten().collect();
-        let one = |indices: Vec<usize>| {
+        let one = |(place, indices): ([u64; 3], Vec<usize>)| {
             let mut term = Term::empty(columns.clone(), indices.len());
+            term.corner = Some(StillCorner { camera, frame: group.path.to, place });
             let at: Vec<Option<usize>> =
                 places(shape).iter().map(|place| term.columns.binary_search(&(*place)?).ok()).collect();
             let place = Vector3::from(m.place(indices[0]));
@@ -193,7 +235,7 @@ impl Assembler<'_> {
             }
             term
         };
-        by_corner.into_values().map(one).collect()
+        by_corner.into_iter().map(one).collect()
     }
 
     /// The pose along a path and its derivative to the path's own columns, one a column.
@@ -221,7 +263,14 @@ impl Term {
         columns.sort_unstable();
         columns.dedup();
         let k = columns.len();
-        Self { columns, information: DMatrix::zeros(k, k), gradient: DVector::zeros(k), repeats }
+        Self { columns, information: DMatrix::zeros(k, k), gradient: DVector::zeros(k), repeats, corner: None }
+    }
+
+    /// Takes in what other measurements of the same group say.
+    pub fn include(&mut self, more: &Self) {
+        self.information += &more.information;
+        self.gradient += &more.gradient;
+        self.repeats += more.repeats;
     }
 
     /// Adds one whitened residual with its derivative to compact columns that stand at `at`.

@@ -70,7 +70,7 @@ pub fn covariance(plan: &Plan, terms: &Terms, believed: &Normal, noise: f64) -> 
     result
 }
 
-fn from_information(plan: &Plan, measured: &[f64], believed: &[f64], noise: f64) -> Covariance {
+pub(super) fn from_information(plan: &Plan, measured: &[f64], believed: &[f64], noise: f64) -> Covariance {
     let n = plan.unknowns.count;
     let units = plan.unknowns.units();
     let scaled = |noise: f64| {

@@ -8,6 +8,7 @@ pub mod culprits;
 pub mod fault;
 mod flipped;
 mod form;
+pub mod gathering;
 mod influence;
 mod inverse;
 mod large;

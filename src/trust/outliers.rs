@@ -3,8 +3,9 @@
 use std::collections::BTreeMap;
 
 use super::residuals::Residuals;
+use crate::frames::FrameId;
 use crate::layout::Layout;
-use crate::solve::{GroupKind, Measurements, Plan};
+use crate::solve::{Group, GroupKind, Measurements, Plan};
 
 /// A residual this many times the bulk's scale is set aside. Of a two-dimensional Gaussian four in a million lie beyond; what real cells show there is
 /// wrong ids, dragged corners and shifted logs.
@@ -43,6 +44,30 @@ pub struct Tally {
     pub rejected: usize,
     /// Root mean square residual of those that fit, px a coordinate.
     pub rms_px: Option<f64>,
+}
+
+impl Tally {
+    /// Takes in other corners.
+    fn add(&mut self, more: &Self) {
+        let sum = |t: &Self| t.rms_px.map_or(0.0, |rms| rms * rms * t.accepted as f64);
+        let squares = sum(self) + sum(more);
+        self.accepted += more.accepted;
+        self.rejected += more.rejected;
+        self.rms_px = (self.accepted > 0).then(|| (squares / self.accepted as f64).sqrt());
+    }
+
+    /// Takes other corners into all counts, which stay in the order of the layout.
+    pub fn add_all(all: &mut Vec<Self>, more: Vec<Self>, layout: &Layout) {
+        for one in more {
+            match all.iter_mut().find(|known| known.camera == one.camera && known.target == one.target) {
+                Some(known) => known.add(&one),
+                None => all.push(one),
+            }
+        }
+        let camera = |one: &Self| layout.cameras.iter().position(|camera| camera.name == one.camera);
+        let target = |one: &Self| layout.targets.iter().position(|target| target.name == one.target);
+        all.sort_by_key(|one| (camera(one), target(one)));
+    }
 }
 
 /// Counts corners by camera and target, in the order of the layout.
@@ -89,40 +114,99 @@ impl Rejected {
 /// Sets aside in the plan what lies far outside, and says how many more there are than before.
 pub fn reject(plan: &mut Plan, residuals: &Residuals) -> Rejected {
     let mut found = reject_unseen(plan, residuals);
-    let m = &mut plan.measurements;
-    let [poses, points, contacts] = &residuals.whitened;
-    let kept = |kept: &[bool], squared: &[f64]| -> Vec<f64> {
-        squared.iter().zip(kept).filter(|(_, kept)| **kept).map(|(s, _)| *s).collect()
-    };
-    let corners = |m: &Measurements| (0..m.corner_count()).filter_map(|i| whitened(m, residuals, i)).collect();
-    let limit_px = limit(corners(m), MEDIANS[1]);
-    for group in plan.groups.iter().filter(|group| matches!(group.kind, GroupKind::Corners { .. })) {
-        let indices = || group.blocks.iter().flat_map(|block| block.start..block.end);
-        let own: Vec<f64> = indices().filter_map(|i| whitened(m, residuals, i)).collect();
-        let own = if own.len() < FEW { limit_px } else { limit(own, MEDIANS[1]) };
-        let most = own.clamp(limit_px, WIDER * WIDER * limit_px);
-        for i in indices() {
-            if whitened(m, residuals, i).is_some_and(|squared| squared > most) {
-                m.set_aside(i);
-                found.corners += 1;
+    found.add(Gates::of(plan, residuals).set_aside(plan, residuals));
+    found
+}
+
+/// How far off measurements may be: squared norms in the layout's standard deviations.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Gates {
+    /// Corners, by kind and ends of their path; of a path that is not among them, any other corner's limit.
+    corners: BTreeMap<(GroupKind, FrameId, FrameId), f64>,
+    other: f64,
+    /// Translations and rotations of whole poses: a pose that fails one is set aside whole.
+    poses: [f64; 2],
+    points: f64,
+    contacts: f64,
+}
+
+impl Gates {
+    /// Nothing is too far off.
+    #[must_use]
+    pub fn open() -> Self {
+        let wide = f64::INFINITY;
+        Self { corners: BTreeMap::new(), other: wide, poses: [wide; 2], points: wide, contacts: wide }
+    }
+
+    /// By the scale that the bulk of the residuals shows.
+    #[must_use]
+    pub fn of(plan: &Plan, residuals: &Residuals) -> Self {
+        let m = &plan.measurements;
+        let [poses, points, contacts] = &residuals.whitened;
+        let other = limit((0..m.corner_count()).filter_map(|i| whitened(m, residuals, i)).collect(), MEDIANS[1]);
+        let of_path = |group: &Group| {
+            let indices = group.blocks.iter().flat_map(|block| block.start..block.end);
+            let own: Vec<f64> = indices.filter_map(|i| whitened(m, residuals, i)).collect();
+            let own = if own.len() < FEW { other } else { limit(own, MEDIANS[1]) };
+            (key(group), own.clamp(other, WIDER * WIDER * other))
+        };
+        let of_corners = plan.groups.iter().filter(|group| matches!(group.kind, GroupKind::Corners { .. }));
+        let half = |part: usize| -> Vec<f64> { poses.iter().skip(part).step_by(2).copied().collect() };
+        Self {
+            corners: of_corners.map(of_path).collect(),
+            other,
+            poses: [0, 1].map(|part| limit(seen(&half(part), &residuals.poses), MEDIANS[2])),
+            points: limit(seen(points, &residuals.points), MEDIANS[2]),
+            contacts: limit(seen(contacts, &residuals.contacts), MEDIANS[0]),
+        }
+    }
+
+    /// Sets aside in the plan what is farther off, and says how much that is.
+    pub fn set_aside(&self, plan: &mut Plan, residuals: &Residuals) -> Rejected {
+        let mut found = Rejected::default();
+        let m = &mut plan.measurements;
+        let [poses, points, contacts] = &residuals.whitened;
+        for group in plan.groups.iter().filter(|group| matches!(group.kind, GroupKind::Corners { .. })) {
+            let most = self.corners.get(&key(group)).copied().unwrap_or(self.other);
+            for i in group.blocks.iter().flat_map(|block| block.start..block.end) {
+                if whitened(m, residuals, i).is_some_and(|squared| squared > most) {
+                    m.set_aside(i);
+                    found.corners += 1;
+                }
             }
         }
-    }
-    // Translation and rotation are judged apart; a pose that fails one is set aside whole.
-    let present: Vec<bool> = residuals.poses.iter().map(Option::is_some).collect();
-    let half = |part: usize| -> Vec<f64> { poses.iter().skip(part).step_by(2).copied().collect() };
-    let limits = [0, 1].map(|part| limit(kept(&present, &half(part)), MEDIANS[2]));
-    for (i, pose) in m.poses.iter_mut().enumerate() {
-        if pose.is_some() && (poses[2 * i] > limits[0] || poses[2 * i + 1] > limits[1]) {
-            *pose = None;
-            found.poses += 1;
+        for (i, pose) in m.poses.iter_mut().enumerate() {
+            if pose.is_some() && (poses[2 * i] > self.poses[0] || poses[2 * i + 1] > self.poses[1]) {
+                *pose = None;
+                found.poses += 1;
+            }
         }
+        found.points += set_aside(&mut m.points, points, self.points);
+        found.contacts += set_aside(&mut m.contacts, contacts, self.contacts);
+        found
     }
-    let present: Vec<bool> = residuals.points.iter().map(Option::is_some).collect();
-    found.points += set_aside(&mut m.points, points, limit(kept(&present, points), MEDIANS[2]));
-    let present: Vec<bool> = residuals.contacts.iter().map(Option::is_some).collect();
-    found.contacts += set_aside(&mut m.contacts, contacts, limit(kept(&present, contacts), MEDIANS[0]));
-    found
+
+    /// What the measurements that [`Gates::set_aside`] has found cost: each as much as one that just passes.
+    #[must_use]
+    pub fn price(&self, plan: &Plan, residuals: &Residuals) -> f64 {
+        let [poses, points, contacts] = &residuals.whitened;
+        let corners = plan.groups.iter().filter(|group| matches!(group.kind, GroupKind::Corners { .. })).map(|group| {
+            let most = self.corners.get(&key(group)).copied().unwrap_or(self.other);
+            let beyond = |i: &usize| whitened(&plan.measurements, residuals, *i).is_some_and(|squared| squared > most);
+            most * group.blocks.iter().flat_map(|block| block.start..block.end).filter(beyond).count() as f64
+        });
+        let pose = |both: &[f64]| {
+            let beyond = both[0] > self.poses[0] || both[1] > self.poses[1];
+            if beyond { self.poses[0].min(both[0]) + self.poses[1].min(both[1]) } else { 0.0 }
+        };
+        let others = |squared: &[f64], most: f64| squared.iter().filter(|s| **s > most).map(|_| most).sum::<f64>();
+        let whole = poses.chunks_exact(2).map(pose).sum::<f64>();
+        0.5 * (corners.sum::<f64>() + whole + others(points, self.points) + others(contacts, self.contacts))
+    }
+}
+
+fn key(group: &Group) -> (GroupKind, FrameId, FrameId) {
+    (group.kind, group.path.from, group.path.to)
 }
 
 /// How far the bulk of the measurements is off, in the layout's standard deviations and at least one, and the share of all that lies far outside that.

@@ -25,6 +25,59 @@ pub struct Residuals {
     pub weighted_sum: f64,
 }
 
+/// How far accepted measurements are off, all of a kind together.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Summary {
+    /// Corners, and the sum of their squares (px^2).
+    pub corners: (usize, f64),
+    /// Whole poses, and the sums of the squares of translations (m^2) and rotations (rad^2).
+    pub poses: (usize, [f64; 2]),
+    /// Points, and the sum of their squares (m^2).
+    pub points: (usize, f64),
+    /// Contacts, and the sum of their squares (m^2).
+    pub contacts: (usize, f64),
+}
+
+impl Summary {
+    /// Takes in other measurements.
+    pub fn add(&mut self, more: &Self) {
+        let sum = |a: (usize, f64), b: (usize, f64)| (a.0 + b.0, a.1 + b.1);
+        self.corners = sum(self.corners, more.corners);
+        self.poses = (self.poses.0 + more.poses.0, [0, 1].map(|i| self.poses.1[i] + more.poses.1[i]));
+        self.points = sum(self.points, more.points);
+        self.contacts = sum(self.contacts, more.contacts);
+    }
+
+    /// Root mean square over the accepted corners, px a coordinate.
+    #[must_use]
+    pub fn rms_px(&self) -> Option<f64> {
+        root_mean_square(self.corners.0, self.corners.1, 2.0)
+    }
+
+    /// Root mean square translation (m) and rotation (rad) error of measured poses.
+    #[must_use]
+    pub fn rms_poses(&self) -> Option<[f64; 2]> {
+        let part = |i: usize| root_mean_square(self.poses.0, self.poses.1[i], 1.0);
+        Some([part(0)?, part(1)?])
+    }
+
+    /// Root mean square error (m) of measured points.
+    #[must_use]
+    pub fn rms_points(&self) -> Option<f64> {
+        root_mean_square(self.points.0, self.points.1, 1.0)
+    }
+
+    /// Root mean square error (m) of contacts.
+    #[must_use]
+    pub fn rms_contacts(&self) -> Option<f64> {
+        root_mean_square(self.contacts.0, self.contacts.1, 1.0)
+    }
+}
+
+fn root_mean_square(count: usize, sum: f64, each: f64) -> Option<f64> {
+    (count > 0).then(|| (sum / (each * count as f64)).sqrt())
+}
+
 impl Residuals {
     /// (du, dv) in px of a corner of the plan; none where it was rejected or cannot be seen.
     #[must_use]
@@ -42,35 +95,19 @@ impl Residuals {
         self.corners(0..self.corners.len()).flatten()
     }
 
-    /// Root mean square over the accepted corners, px a coordinate.
+    /// All of a kind together.
     #[must_use]
-    pub fn rms_px(&self) -> Option<f64> {
-        root_mean_square(self.seen().map(|d| d[0] * d[0] + d[1] * d[1]), 2.0)
+    pub fn summary(&self) -> Summary {
+        let sum = |squares: &mut dyn Iterator<Item = f64>| squares.fold((0, 0.0), |(n, sum), s| (n + 1, sum + s));
+        let corners = sum(&mut self.seen().map(|d| d[0] * d[0] + d[1] * d[1]));
+        let [translations, rotations] = [0, 1].map(|i| sum(&mut self.poses.iter().flatten().map(|e| e[i] * e[i])));
+        Summary {
+            corners,
+            poses: (translations.0, [translations.1, rotations.1]),
+            points: sum(&mut self.points.iter().flatten().map(|e| e * e)),
+            contacts: sum(&mut self.contacts.iter().flatten().map(|e| e * e)),
+        }
     }
-
-    /// Root mean square translation (m) and rotation (rad) error of measured poses.
-    #[must_use]
-    pub fn rms_poses(&self) -> Option<[f64; 2]> {
-        let part = |i: usize| root_mean_square(self.poses.iter().flatten().map(|e| e[i] * e[i]), 1.0);
-        Some([part(0)?, part(1)?])
-    }
-
-    /// Root mean square error (m) of measured points.
-    #[must_use]
-    pub fn rms_points(&self) -> Option<f64> {
-        root_mean_square(self.points.iter().flatten().map(|e| e * e), 1.0)
-    }
-
-    /// Root mean square error (m) of contacts.
-    #[must_use]
-    pub fn rms_contacts(&self) -> Option<f64> {
-        root_mean_square(self.contacts.iter().flatten().map(|e| e * e), 1.0)
-    }
-}
-
-fn root_mean_square(squares: impl Iterator<Item = f64>, each: f64) -> Option<f64> {
-    let (sum, count) = squares.fold((0.0, 0.0), |(sum, count), square| (sum + square, count + each));
-    (count > 0.0).then(|| f64::sqrt(sum / count))
 }
 
 /// Computes the residuals at a state whose blocks have the transforms `poses[group][block]`.

@@ -75,27 +75,62 @@ struct Adjusted {
 #[must_use]
 pub fn sandwich(covariance: &Covariance, terms: &Terms, believed: &[f64]) -> Sandwich {
     let n = covariance.matrix.ncols();
-    let (units, weight) = (covariance.units(), weight(covariance.noise));
-    let symmetric = |i: usize, j: usize| 0.5 * (believed[i * n + j] + believed[j * n + i]) * units[i] * units[j];
-    let mut meat = DMatrix::from_fn(n, n, symmetric);
-    let mut shown = meat.clone();
-    let mut scatter = |terms: &[Term]| {
-        let (sum, gradients) = adjust(terms, units, covariance.noise, &|i, j| covariance.matrix[(i, j)]);
+    let kind = |terms: &[Term]| {
+        let mut kind = Kind::new(n);
+        kind.add(covariance, terms);
+        kind
+    };
+    around(covariance, believed, [kind(&terms.configurations), kind(&terms.corners)])
+}
+
+/// What the terms of one kind of group add up to.
+#[derive(Clone, Debug)]
+pub(super) struct Kind {
+    /// With the variance where the standard deviation belongs.
+    scatter: Scatter,
+    /// In units: the products of their gradients, and their information.
+    products: DMatrix<f64>,
+    information: DMatrix<f64>,
+}
+
+impl Kind {
+    pub(super) fn new(n: usize) -> Self {
+        Self { scatter: Scatter::default(), products: DMatrix::zeros(n, n), information: DMatrix::zeros(n, n) }
+    }
+
+    /// Adds terms, against a covariance of all of them.
+    pub(super) fn add(&mut self, covariance: &Covariance, terms: &[Term]) {
+        let (units, weight) = (covariance.units(), weight(covariance.noise));
+        let (scatter, gradients) = adjust(terms, units, covariance.noise, &|i, j| covariance.matrix[(i, j)]);
+        self.scatter.groups += scatter.groups;
+        self.scatter.found += scatter.found;
+        self.scatter.expected += scatter.expected;
+        self.scatter.spread += scatter.spread.powi(2);
         for (term, gradient) in terms.iter().zip(&gradients) {
             for (i, &a) in term.columns.iter().enumerate() {
                 for (j, &b) in term.columns.iter().enumerate() {
-                    let product = gradient[i] * gradient[j];
-                    let independent = term.information[(i, j)] * units[a] * units[b] * weight;
-                    meat[(a, b)] += product;
-                    shown[(a, b)] += if sum.shown() { product } else { independent };
+                    self.products[(a, b)] += gradient[i] * gradient[j];
+                    self.information[(a, b)] += term.information[(i, j)] * units[a] * units[b] * weight;
                 }
             }
         }
-        sum
-    };
-    let (configurations, corners) = (scatter(&terms.configurations), scatter(&terms.corners));
-    let around = |meat: DMatrix<f64>| &covariance.matrix * meat * &covariance.matrix;
-    Sandwich { matrix: around(meat), shown: around(shown), configurations, corners }
+    }
+}
+
+/// The sandwich around `covariance`, from the sums of the configurations' terms and the still corners'.
+pub(super) fn around(covariance: &Covariance, believed: &[f64], kinds: [Kind; 2]) -> Sandwich {
+    let (n, units) = (covariance.matrix.ncols(), covariance.units());
+    let symmetric = |i: usize, j: usize| 0.5 * (believed[i * n + j] + believed[j * n + i]) * units[i] * units[j];
+    let mut all = DMatrix::from_fn(n, n, symmetric);
+    let mut shown = all.clone();
+    let [configurations, corners] = kinds.map(|kind| {
+        let scatter = Scatter { spread: kind.scatter.spread.sqrt(), ..kind.scatter };
+        shown += if scatter.shown() { &kind.products } else { &kind.information };
+        all += kind.products;
+        scatter
+    });
+    let around = |filling: DMatrix<f64>| &covariance.matrix * filling * &covariance.matrix;
+    Sandwich { matrix: around(all), shown: around(shown), configurations, corners }
 }
 
 /// How the gradients of terms scatter, and the gradients as the jackknife sees them (in units). `entry` gives those of the covariance (in units) at which columns of one

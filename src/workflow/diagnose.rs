@@ -141,7 +141,7 @@ fn cases(solved: &Solved, recording: &Recording) -> Vec<Fault> {
     let poses = block_poses(solved, recording);
     let evidence = evidence(solved, recording, &poses);
     let seen = sightings(&evidence);
-    let mut faults = culprits(&evidence, &seen, solved.residuals.rms_px());
+    let mut faults = culprits(&evidence, &seen, solved.summary.rms_px());
     let mut whole: BTreeMap<&str, (usize, usize)> = BTreeMap::new();
     for tally in &solved.tallies {
         let sum = whole.entry(&tally.target).or_default();

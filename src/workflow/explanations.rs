@@ -35,7 +35,7 @@ const FAR_SIZES: [f64; 4] = [0.8, 1.25, 0.5, 2.0];
 
 /// How much better it is, in words.
 fn improvement(before: &Tried, after: &Tried) -> String {
-    let one = |s: &Solved| match (s.residuals.rms_px(), s.residuals.rms_poses()) {
+    let one = |s: &Solved| match (s.summary.rms_px(), s.summary.rms_poses()) {
         (Some(px), _) => format!("{px:.2} px and {:.1} % set aside", 100.0 * aside(s)),
         (None, Some([t, _])) => format!("{:.2} mm and {:.1} % set aside", t * 1e3, 100.0 * aside(s)),
         _ => format!("{:.2} standard deviations and {:.1} % set aside", noise(s), 100.0 * aside(s)),

@@ -6,18 +6,21 @@ use std::time::Instant;
 
 use super::diagnose::diagnose;
 use super::follow::{follow_scale, follow_up};
+use super::memory::fits;
+use super::refusals::{in_pieces, no_motion};
 use super::robust::robust_search;
+use super::streamed::{Streamed, solve_streamed};
 use crate::complaint::{Complaint, InputError};
 use crate::frames::{FrameId, FrameTree, Pieces, pieces};
 use crate::geometry::Pose;
 use crate::initialise::{Start, initialise};
-use crate::layout::{Layout, LossSetting, Motion, SolverChoice, read_layout};
+use crate::layout::{Layout, LossSetting, SolverChoice, read_layout};
 use crate::recording::Recording;
-use crate::solve::{Assembler, Loss, Options, Plan, PlanError, Priors, Report, State, minimise};
+use crate::solve::{Assembler, Loss, Options, Plan, Priors, Report, State, minimise};
+use crate::trust::gathering::covariance_at;
 use crate::trust::outliers::{Rejected, Tally, reject_unseen, tally};
-use crate::trust::{
-    Action, Covariance, Evidence, Fault, Remark, Residuals, Scale, Undetermined, covariance, explain, residuals,
-};
+use crate::trust::residuals::Summary;
+use crate::trust::{Action, Covariance, Evidence, Fault, Remark, Residuals, Scale, Undetermined, explain, residuals};
 
 /// More than this share of measurements set aside means that the description is wrong, not the measurements.
 const MOST_ASIDE: f64 = 0.1;
@@ -34,6 +37,8 @@ pub struct SolveRequest {
     pub start: Option<PathBuf>,
     /// Whether the equations are dense or sparse.
     pub solver: SolverChoice,
+    /// Bytes that the solve may take; corners that do not fit into them are gone over in pieces. None for as many as it likes.
+    pub memory: Option<u64>,
 }
 
 /// Wall time of the stages, seconds.
@@ -72,6 +77,8 @@ pub struct Solved {
     pub report: Report,
     /// What is left of the measurements.
     pub residuals: Residuals,
+    /// The same, all of a kind together.
+    pub summary: Summary,
     /// How certain the unknowns are.
     pub covariance: Covariance,
     /// What could not be determined.
@@ -100,6 +107,9 @@ pub struct Solved {
     pub inputs: Vec<(String, String)>,
     /// Where the time went.
     pub seconds: StageSeconds,
+    /// How it was solved in little memory. Then plan, residuals, scales, remarks and faults are those of a part of the configurations, and everything else
+    /// is that of all.
+    pub streamed: Option<Box<Streamed>>,
 }
 
 impl Solved {
@@ -116,6 +126,7 @@ impl Solved {
     pub fn doubts(&self) -> Vec<String> {
         let m = &self.plan.measurements;
         let all = m.corner_count() + m.poses.len() + m.points.len() + m.contacts.len();
+        let all = self.streamed.as_ref().map_or(all, |streamed| streamed.measurements);
         let aside = self.rejected.total() - self.rejected.unplaced;
         let strangers = self.strangers();
         if aside as f64 <= MOST_ASIDE * all as f64 {
@@ -188,6 +199,11 @@ impl Solved {
 /// Input that cannot be used: faults of the recording, a cell in pieces, nothing to start from.
 pub fn solve(mut layout: Layout, request: &SolveRequest) -> Result<Solved, InputError> {
     let began = Instant::now();
+    if let Some(memory) = request.memory
+        && !fits(memory, &Recording::corner_files(&layout, request.detections.as_deref())?)?
+    {
+        return solve_streamed(layout, request, memory, began);
+    }
     layout.solve.solver = request.solver;
     let recording = Recording::read(&layout, request.detections.as_deref())?;
     let start = match &request.start {
@@ -282,17 +298,17 @@ pub(super) fn solve_plain(
     // Linearised without the priors, whose weight is no matter of how noisy the measurements are.
     let mut measuring = Assembler::new(&layout, recording, &plan, Priors::default());
     measuring.set_loss(Loss::Squared);
-    let terms = measuring.terms(&state);
     let moved = measuring.moved();
-    drop(measuring);
     let unknowns = plan.unknowns.count + 6 * moved.iter().map(Vec::len).sum::<usize>();
     let scalars = plan.scalar_count();
     let observations = scalars + prior_count;
     let freedom = scalars.saturating_sub(unknowns.saturating_sub(prior_count));
-    let noise = if freedom == 0 { 1.0 } else { ((residuals.weighted_sum + terms.stops) / freedom as f64).sqrt() };
+    let noise = |stops: f64| {
+        if freedom == 0 { 1.0 } else { ((residuals.weighted_sum + stops) / freedom as f64).sqrt() }
+    };
     let believed = priors.equations(&plan, &state);
-    let covariance = covariance(&plan, &terms, &believed, noise);
-    drop(terms); // A matrix a configuration; what follows makes its own.
+    let covariance = covariance_at(&plan, &mut measuring, &state, &believed, noise);
+    drop(measuring);
     let evidence = Evidence { layout: &layout, tree: &tree, recording, plan: &plan, state: &state, poses: &poses };
     let (undetermined, weak) = explain(&evidence, &covariance, &unseen);
     let (scales, remarks) =
@@ -306,6 +322,7 @@ pub(super) fn solve_plain(
         plan,
         state,
         report,
+        summary: residuals.summary(),
         residuals,
         covariance,
         undetermined,
@@ -321,6 +338,7 @@ pub(super) fn solve_plain(
         unknowns,
         inputs,
         seconds,
+        streamed: None,
     })
 }
 
@@ -328,7 +346,7 @@ pub(super) fn solve_plain(
 ///
 /// # Errors
 /// Faults of the file; a layout with another world, whose poses would mean something else.
-fn start_poses(file: &Path, world: &str) -> Result<Vec<(String, Pose)>, InputError> {
+pub(super) fn start_poses(file: &Path, world: &str) -> Result<Vec<(String, Pose)>, InputError> {
     let layout = read_layout(file, None)?;
     if layout.world != world {
         let what = format!("its world is `{}`, but that of the layout to solve is `{world}`", layout.world);
@@ -338,47 +356,8 @@ fn start_poses(file: &Path, world: &str) -> Result<Vec<(String, Pose)>, InputErr
     Ok(tree.static_edges.iter().filter_map(|edge| Some((edge.key.clone(), edge.spec.pose()?))).collect())
 }
 
-/// A measurement at a configuration that the robot's file does not have.
-fn no_motion(layout: &Layout, error: &PlanError) -> Complaint {
-    let PlanError::NoMotion { robot, .. } = error;
-    let file = layout.robots.iter().find(|known| known.name == *robot).map(|robot| match &robot.motion {
-        Motion::Joints { file, .. } | Motion::FlangePoses { file } => layout.recording.join(file),
-    });
-    Complaint::of(
-        file.as_deref().unwrap_or(&layout.file),
-        error.to_string(),
-        "add the line, or remove the measurements of that configuration",
-    )
-}
-
-/// Which pieces the cell is in, and what would join them.
-fn in_pieces(layout: &Layout, tree: &FrameTree, floating: &[(FrameId, Vec<FrameId>)]) -> Complaint {
-    let name = |frame: FrameId| if frame == 0 { layout.world.clone() } else { tree.frames[frame].name.clone() };
-    let quoted = |frames: &[FrameId]| frames.iter().map(|f| format!("`{}`", name(*f))).collect::<Vec<_>>().join(", ");
-    let mut words = Vec::new();
-    let mut remedies = Vec::new();
-    for (body, frames) in floating {
-        words.push(format!(
-            "{} {} not tied to `{}`",
-            quoted(frames),
-            if frames.len() == 1 { "is" } else { "are" },
-            name(*body)
-        ));
-        let first = name(frames[0]);
-        let camera = frames.iter().find(|frame| tree.cameras.contains(frame));
-        let helper = match camera {
-            Some(camera) => format!("let `{}` see something that is tied to `{}`", name(*camera), name(*body)),
-            None => format!("let something that is tied to `{}` see `{first}`", name(*body)),
-        };
-        remedies.push(format!("{helper}, or give `{first}` a pose"));
-    }
-    let pieces = floating.len() + 1;
-    let count = if pieces == 2 { "two".to_owned() } else { pieces.to_string() };
-    Complaint::of(&layout.file, format!("the cell is in {count} pieces: {}", words.join("; ")), remedies.join("; "))
-}
-
 /// SHA-256 of the layout, of every file that it names and was read, and of the start.
-fn hashes(
+pub(super) fn hashes(
     layout: &Layout,
     recording: &Recording,
     start: Option<&PathBuf>,

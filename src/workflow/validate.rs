@@ -211,7 +211,7 @@ impl<'a> Validation<'a> {
 
     fn fit(&self, solved: &Solved, recording: &Recording) -> Fit {
         let Some(judged) = self.judge(solved, recording) else { return Fit::default() };
-        Fit { px: judged.residuals.rms_px(), distance: root_mean_square(&distances(&judged, recording, None)) }
+        Fit { px: judged.summary.rms_px(), distance: root_mean_square(&distances(&judged, recording, None)) }
     }
 
     fn folds(&self, layout: &Layout, folds: &[BTreeSet<u64>]) -> Vec<Option<Fit>> {
