@@ -225,7 +225,7 @@ impl Corners {
         Self { names: Arc::clone(&self.names), held: Arc::new(held) }
     }
 
-    /// Those of several parts of a recording; none if two are of the same thing.
+    /// Those of several parts or files of one recording; none if two are of the same thing.
     pub(super) fn together(mut parts: Vec<Self>) -> Option<Self> {
         if parts.len() == 1 {
             return parts.pop();
@@ -237,16 +237,6 @@ impl Corners {
             all.append(&part.held);
         }
         all.order().then(|| Self::new(names, all))
-    }
-
-    /// Adds those of another file of the same layout; says whether two are of the same thing.
-    pub(super) fn join(&mut self, others: &Self) -> bool {
-        let mut all = Held::default();
-        all.append(&self.held);
-        all.append(&others.held);
-        let once = all.order();
-        self.held = Arc::new(all);
-        !once
     }
 }
 
@@ -402,9 +392,8 @@ mod tests {
         let (mut even, mut odd) = (all.clone(), all.clone());
         even.retain_each(|_, corner| !some_odd(corner));
         odd.retain_each(|_, corner| some_odd(corner));
-        let mut joined = odd.clone();
-        assert!(!joined.join(&even));
-        assert_eq!(joined, all);
-        assert!(joined.join(&odd));
+        assert_eq!(Corners::together(vec![odd.clone(), even]), Some(all.clone()));
+        assert_eq!(Corners::together(vec![all, odd]), None);
+        assert_eq!(Corners::together(Vec::new()), Some(Corners::default()));
     }
 }

@@ -136,22 +136,16 @@ impl Recording {
     pub fn read(layout: &Layout, detections: Option<&Path>) -> Result<Self, InputError> {
         let mut recording = Self::read_motion(layout)?;
         let corner_files = Self::corner_files(layout, detections)?;
-        let mut twice = false;
+        let mut parts = Vec::new();
         for path in corner_files {
             let (corners, digest) = detections::read_and_digest(&path, layout)?;
-            if recording.corners.is_empty() {
-                recording.corners = corners;
-            } else {
-                twice |= recording.corners.join(&corners);
-            }
+            parts.push(corners);
             recording.digests.extend(digest.map(|digest| (path.clone(), digest)));
             recording.note(path);
         }
-        recording.read_others(layout)?;
         // Several files of one kind are one recording: their order must not matter, and none may repeat another.
-        if twice {
-            return Err(chunks::twice(layout));
-        }
+        recording.corners = Corners::together(parts).ok_or_else(|| chunks::twice(layout))?;
+        recording.read_others(layout)?;
         if recording.corners.is_empty()
             && recording.poses.is_empty()
             && recording.points.is_empty()
