@@ -12,7 +12,7 @@ use cellmap::layout::{Layout, LossSetting};
 use cellmap::recording::write::write_motions;
 use cellmap::recording::{Recording, write_detections};
 use cellmap::solve::{Assembler, Loss, Priors};
-use cellmap::trust::gathering::{Gathering, from_sums};
+use cellmap::trust::pieces::{Gathering, from_sums};
 use cellmap::trust::{Source, covariance};
 use cellmap::workflow::solve::{SolveRequest, Solved, solve};
 use nalgebra::DMatrix;

@@ -17,8 +17,8 @@ use crate::initialise::{Start, initialise};
 use crate::layout::{Layout, LossSetting, SolverChoice, read_layout};
 use crate::recording::Recording;
 use crate::solve::{Assembler, Loss, Options, Plan, Priors, Report, State, minimise};
-use crate::trust::gathering::covariance_at;
 use crate::trust::outliers::{Rejected, Tally, reject_unseen, tally};
+use crate::trust::pieces::covariance_at;
 use crate::trust::residuals::Summary;
 use crate::trust::{Action, Covariance, Evidence, Fault, Remark, Residuals, Scale, Undetermined, explain, residuals};
 

@@ -19,8 +19,8 @@ use crate::layout::{Layout, LossSetting, SolverChoice};
 use crate::recording::{Appearance, CornerIndex, Recording, RobotMotion, Wanted};
 use crate::solve::passes::{PassReport, Passed, minimise_in_passes};
 use crate::solve::{Assembler, Loss, Normal, Plan, Priors, State};
-use crate::trust::gathering::{Gathering, from_sums};
 use crate::trust::outliers::{Gates, Rejected, Tally, reject_unseen, tally};
+use crate::trust::pieces::{Gathering, from_sums};
 use crate::trust::residuals::Summary;
 use crate::trust::{Covariance, Evidence, explain, residuals};
 
