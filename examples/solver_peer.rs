@@ -15,6 +15,9 @@ use cellmap::layout::Layout;
 use cellmap::recording::Recording;
 use cellmap::solve::{Assembler, GroupKind, Options, Plan, Priors, State, minimise};
 
+/// Seconds over which the processor's time is counted, at least.
+const COUNTED: f64 = 0.2;
+
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [what, name, lens, file] = arguments.as_slice() else { return Err("write|solve SIZE fixed|free FILE".into()) };
@@ -30,13 +33,24 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     }
     std::fs::write("/proc/self/clear_refs", "5").ok();
     let (clock, processor) = (Instant::now(), processor_seconds());
-    let mut state = start.clone();
-    let mut assembler = Assembler::new(&problem.layout, &problem.recording, &plan, Priors::default());
-    let report = minimise(&mut assembler, &tree, &mut state, &Options::default());
-    let (seconds, processor) = (clock.elapsed().as_secs_f64(), processor_seconds() - processor);
+    let solve = || {
+        let mut state = start.clone();
+        let mut assembler = Assembler::new(&problem.layout, &problem.recording, &plan, Priors::default());
+        let report = minimise(&mut assembler, &tree, &mut state, &Options::default());
+        (state, report)
+    };
+    let (state, report) = solve();
+    let seconds = clock.elapsed().as_secs_f64();
     let peak = std::fs::read_to_string("/proc/self/status")?
         .lines()
         .find_map(|line| line.strip_prefix("VmHWM:")?.trim().strip_suffix(" kB")?.parse::<f64>().ok());
+    // The system counts a thread's time in ticks of milliseconds: a shorter solve is repeated until many have passed.
+    let mut solves = 1.0;
+    while clock.elapsed().as_secs_f64() < COUNTED {
+        solve();
+        solves += 1.0;
+    }
+    let processor = (processor_seconds() - processor) / solves;
     println!(
         "{{\"who\": \"cellmap\", \"seconds\": {seconds}, \"processor_seconds\": {processor}, \"iterations\": {}, \"cost\": {:e}, \"peak_mb\": {}, \"corners\": {}, \"words\": \"{}\"}}",
         report.iterations,

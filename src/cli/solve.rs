@@ -178,7 +178,10 @@ fn show_between(one: &Between) {
 fn as_json(solved: &Solved, between: &[Between]) -> Document {
     let s = &solved.seconds;
     let number = Document::Number;
-    let mut entries = vec![("iterations".to_owned(), Document::Whole(solved.report.iterations as u64))];
+    let mut entries = vec![
+        ("iterations".to_owned(), Document::Whole(solved.report.iterations as u64)),
+        ("thinned_iterations".to_owned(), Document::Whole(solved.report.thinned as u64)),
+    ];
     entries.extend(findings::fit(solved));
     entries.push(("faults".to_owned(), findings::faults(&solved.faults)));
     entries.push(("undetermined".to_owned(), findings::undetermined(solved)));
@@ -279,7 +282,12 @@ fn show(solved: &Solved) {
             say!("  {}", chunk.join(", "));
         }
     }
-    say!("{} after {} linearisations", solved.report.termination.words(), solved.report.iterations);
+    let report = &solved.report;
+    let part = match report.thinned {
+        0 => String::new(),
+        count => format!(" of all measurements and {count} of a part"),
+    };
+    say!("{} after {} linearisations{part}", report.termination.words(), report.iterations);
     let r = &solved.summary;
     if let Some(rms) = r.rms_px() {
         say!("residual: {rms:.3} px a coordinate over {} corners", r.corners.0);

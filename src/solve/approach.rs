@@ -6,61 +6,39 @@
 //! they lower the true cost well. Each that does is a reason to damp less, here and in the search that follows: where lens and mount can hardly be told
 //! apart, damping is what would keep it from the minimum.
 
-use std::time::Instant;
-
-use super::assemble::{Assembler, Normal};
 use super::loss::Loss;
-use super::minimise::{EASED, NEAR, Options, Report, Seconds, Step, frozen_scaling};
+use super::minimise::{EASED, NEAR, Search};
 use super::state::State;
-use crate::frames::FrameTree;
+use super::step::frozen_scaling;
 
 /// A mean distance of the residuals beyond this many times the loss' bend is far from the minimum.
 const FAR: f64 = 3.0;
 
-/// Takes such steps from `state`, in place, while the cost is high and each lowers it by a fifth; returns the cost and the damping to go on with.
-/// `room` is overwritten: a step, a state of the same size, and equations.
-pub(super) fn approach(
-    assembler: &mut Assembler<'_>,
-    tree: &FrameTree,
-    state: &mut State,
-    options: &Options,
-    (step, trial, normal): (&mut Step, &mut State, &mut Normal),
-    (report, seconds): (&mut Report, &mut Seconds),
-) -> (f64, f64) {
-    let mut damping = options.damping;
-    let count = assembler.plan.scalar_count();
-    let mut cost = report.initial_cost;
-    // One linearisation is left for the search itself.
-    while report.iterations + 1 < options.iterations
-        && let Some(guide) = guide(assembler.loss(), cost, count)
-    {
-        let start = Instant::now();
-        assembler.set_guide(Some(guide));
-        assembler.linearise(state, normal);
-        assembler.set_guide(None);
-        report.iterations += 1;
-        seconds.linearise += start.elapsed().as_secs_f64();
-        let start = Instant::now();
-        let solved = step.solve(assembler, normal, &frozen_scaling(normal), damping);
-        seconds.factorise += start.elapsed().as_secs_f64();
-        if !solved {
-            report.refused += 1;
-            break;
+impl Search<'_, '_> {
+    /// Takes such steps from `state`, in place, while the cost is high and each lowers it by a fifth. The equations are overwritten.
+    pub(super) fn approach(&mut self, state: &mut State) {
+        let count = self.assembler.scalar_count();
+        // One linearisation is left for the search itself.
+        while self.report.iterations + 1 < self.options.iterations
+            && let Some(guide) = guide(self.assembler.loss(), self.cost, count)
+        {
+            self.assembler.set_guide(Some(guide));
+            self.linearise(state);
+            self.assembler.set_guide(None);
+            let scaling = frozen_scaling(&self.normal);
+            if !self.solve(&scaling, self.damping) {
+                self.report.refused += 1;
+                break;
+            }
+            let cost = self.try_step(state, false);
+            if cost.is_nan() || cost > NEAR * self.cost {
+                self.report.rejected += 1;
+                break;
+            }
+            self.take(state, cost);
+            self.damping *= EASED;
         }
-        let start = Instant::now();
-        step.apply(assembler, tree, state, trial);
-        let trial_cost = assembler.cost(trial);
-        seconds.evaluate += start.elapsed().as_secs_f64();
-        if trial_cost.is_nan() || trial_cost > NEAR * cost {
-            report.rejected += 1;
-            break;
-        }
-        std::mem::swap(state, trial);
-        cost = trial_cost;
-        damping *= EASED;
-        report.costs.push(cost);
     }
-    (cost, damping)
 }
 
 /// The loss to steer by at a cost of `count` numbers, or none where most residuals lie near the loss' own bend.

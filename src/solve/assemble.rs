@@ -1,7 +1,7 @@
 //! From condensed blocks to the normal equations of the shared unknowns.
 //!
-//! The work is cut into *units* by the data alone: a run of blocks of one group, or, where targets move, everything at some configurations.
-//! Each unit fills its own compact matrix, in parallel; the sums are folded in the order of units, so the bits do not depend on how many threads
+//! The work is cut into *units* by the data alone ([`super::cut`]): a run of blocks of one group, or, where targets move, everything at some
+//! configurations. Each unit fills its own compact matrix, in parallel; the sums are folded in the order of units, so the bits do not depend on how many threads
 //! there were. After the first linearisation nothing is allocated any more.
 
 use pulp::Arch;
@@ -9,9 +9,10 @@ use rayon::prelude::*;
 
 use super::chain::{SegmentValues, pose_along, pose_and_jacobian};
 use super::corners::{self, View};
+use super::cut::Cut;
 use super::expand::Expand;
 use super::kernels::{self, Condensed};
-use super::local::{Bundle, LocalUnit, bundles};
+use super::local::{Bundle, LocalUnit};
 use super::loss::Loss;
 pub use super::normal::Normal;
 use super::pack::Packed;
@@ -23,20 +24,6 @@ use super::unknowns::{UnknownKind, Unknowns};
 use crate::geometry::{Intrinsics, LensModel, Pose};
 use crate::layout::Layout;
 use crate::recording::Recording;
-
-/// Corners a unit holds at most, in whole blocks: enough to hide the cost of a task, few enough to share out evenly.
-const UNIT_MEASUREMENTS: usize = 4096;
-
-/// A run of blocks of one group with a compact matrix of its own.
-#[derive(Clone, Debug)]
-struct Unit {
-    group: usize,
-    blocks: std::ops::Range<usize>,
-    /// Row-major over (path columns, active lens columns, residual).
-    matrix: Vec<f64>,
-    cost: f64,
-    scratch: Scratch,
-}
 
 /// How the compact columns of a group are laid out.
 #[derive(Clone, Debug)]
@@ -73,13 +60,10 @@ pub struct Assembler<'a> {
     pub(super) priors: Priors,
     /// By group.
     pub(super) shapes: Vec<Shape>,
-    units: Vec<Unit>,
-    pub(super) bundles: Vec<Bundle>,
+    /// What is linearised: all of the plan, but for a first search of a part.
+    pub(super) cut: Cut,
     packed: Packed,
     pub(super) segments: Vec<SegmentValues>,
-    trial_segments: Vec<SegmentValues>,
-    /// Costs of units, then of bundles, at a trial.
-    trial_costs: Vec<f64>,
 }
 
 impl<'a> Assembler<'a> {
@@ -87,7 +71,8 @@ impl<'a> Assembler<'a> {
     #[must_use]
     pub fn new(layout: &'a Layout, recording: &'a Recording, plan: &'a Plan, priors: Priors) -> Self {
         let model = |intrinsics: &Option<Intrinsics>| intrinsics.as_ref().map_or(LensModel::Pinhole, Intrinsics::model);
-        let mut assembler = Self {
+        let shapes: Vec<Shape> = plan.groups.iter().map(|group| shape(&plan.unknowns, group)).collect();
+        Self {
             plan,
             loss: plan.settings.loss.into(),
             guide: None,
@@ -96,18 +81,11 @@ impl<'a> Assembler<'a> {
             lens_models: layout.cameras.iter().map(|camera| model(&camera.intrinsics)).collect(),
             robots: robot_data(layout, recording, plan),
             priors,
-            shapes: plan.groups.iter().map(|group| shape(&plan.unknowns, group)).collect(),
-            units: Vec::new(),
-            bundles: Vec::new(),
+            cut: Cut::new(plan, &shapes, None),
+            shapes,
             packed: Packed::default(),
             segments: vec![SegmentValues::default(); plan.segments.len()],
-            trial_segments: vec![SegmentValues::default(); plan.segments.len()],
-            trial_costs: Vec::new(),
-        };
-        assembler.units = assembler.cut_units();
-        assembler.bundles = bundles(&assembler);
-        assembler.trial_costs = vec![0.0; assembler.units.len() + assembler.bundles.len()];
-        assembler
+        }
     }
 
     /// Sets the loss, for a first pass that is more forgiving than the layout asks for.
@@ -130,29 +108,16 @@ impl<'a> Assembler<'a> {
         self.curved = curved;
     }
 
-    fn cut_units(&self) -> Vec<Unit> {
-        let mut units = Vec::new();
-        for (index, group) in self.plan.groups.iter().enumerate().filter(|(_, group)| group.compiled.moving.is_empty())
-        {
-            let width = self.shapes[index].width;
-            let mut start = 0;
-            while start < group.blocks.len() {
-                let (mut end, mut count) = (start, 0);
-                while end < group.blocks.len() && (end == start || count < UNIT_MEASUREMENTS) {
-                    count += group.blocks[end].end - group.blocks[end].start;
-                    end += 1;
-                }
-                units.push(Unit {
-                    group: index,
-                    blocks: start..end,
-                    matrix: vec![0.0; width * width],
-                    cost: 0.0,
-                    scratch: Scratch::default(),
-                });
-                start = end;
-            }
-        }
-        units
+    /// The number of scalar measurements that have not been rejected, of all or about so many of a part.
+    pub(super) fn scalar_count(&self) -> usize {
+        let blocks = self.plan.groups.iter().flat_map(|group| &group.blocks);
+        let all: usize = blocks.map(|block| block.end - block.start).sum();
+        (self.plan.scalar_count() as f64 * self.cut.measurements as f64 / all.max(1) as f64) as usize
+    }
+
+    /// Whether linearisations take in the curvature of the loss, or there is none.
+    pub(super) fn is_curved(&self) -> bool {
+        self.curved || self.loss == Loss::Squared
     }
 
     /// Lays out the corners for the loss in force, if they are not.
@@ -161,13 +126,13 @@ impl<'a> Assembler<'a> {
         if self.packed.folded != Some(folded) {
             // The old layout goes first, so that there is never room for both.
             self.packed = Packed::default();
-            self.packed = Packed::new(self.plan, corners::lanes(self.arch), folded);
+            self.packed = Packed::new(self.plan, corners::lanes(self.arch), folded, self.cut.apiece());
         }
     }
 
     fn fill_bundles(&self, state: &State, segments: &[SegmentValues], bundles: &mut [Bundle]) {
-        bundles.par_iter_mut().for_each(|bundle| {
-            bundle.fill(self, state, |group, shape, block, scratch, matrix| {
+        bundles.par_iter_mut().with_min_len(self.cut.apiece()).for_each(|bundle| {
+            bundle.fill((self.plan, &self.shapes), state, |group, shape, block, scratch, matrix| {
                 self.expand(group, shape, block, state, segments, scratch, matrix)
             });
         });
@@ -176,26 +141,24 @@ impl<'a> Assembler<'a> {
     /// Fills the robots' segments and every local unit, and nothing else.
     pub(super) fn linearise_locally(&mut self, state: &State) {
         self.pack();
-        let mut segments = std::mem::take(&mut self.segments);
-        fill_segments(self.plan, &self.robots, state, true, &mut segments);
-        let mut bundles = std::mem::take(&mut self.bundles);
+        let segments = self.take_segments(state, true);
+        let mut bundles = std::mem::take(&mut self.cut.bundles);
         self.fill_bundles(state, &segments, &mut bundles);
-        (self.bundles, self.segments) = (bundles, segments);
+        (self.cut.bundles, self.segments) = (bundles, segments);
     }
 
     /// Linearises at `state`: fills the normal equations and every local unit. Returns the cost.
     pub fn linearise(&mut self, state: &State, normal: &mut Normal) -> f64 {
         self.pack();
-        let mut segments = std::mem::take(&mut self.segments);
-        fill_segments(self.plan, &self.robots, state, true, &mut segments);
-        let (mut units, mut local) = (std::mem::take(&mut self.units), std::mem::take(&mut self.bundles));
+        let segments = self.take_segments(state, true);
+        let (mut units, mut local) = (std::mem::take(&mut self.cut.units), std::mem::take(&mut self.cut.bundles));
         let this: &Self = self;
-        units.par_iter_mut().for_each(|unit| {
+        units.par_iter_mut().with_min_len(this.cut.apiece()).for_each(|unit| {
             unit.matrix.fill(0.0);
             unit.cost = 0.0;
             let group = &this.plan.groups[unit.group];
-            for block in &group.blocks[unit.blocks.clone()] {
-                let shape = &this.shapes[unit.group];
+            for &block in &unit.blocks {
+                let (shape, block) = (&this.shapes[unit.group], &group.blocks[block as usize]);
                 unit.cost += this.expand(group, shape, block, state, &segments, &mut unit.scratch, &mut unit.matrix);
             }
         });
@@ -210,13 +173,13 @@ impl<'a> Assembler<'a> {
         }
         normal.mirror();
         this.priors.add(state, normal);
-        (self.units, self.bundles, self.segments) = (units, local, segments);
+        (self.cut.units, self.cut.bundles, self.segments) = (units, local, segments);
         normal.cost
     }
 
     /// Everything that moves, one unit a configuration.
     pub(super) fn local_units(&self) -> impl Iterator<Item = &LocalUnit> {
-        self.bundles.iter().flat_map(|bundle| &bundle.units)
+        self.cut.bundles.iter().flat_map(|bundle| &bundle.units)
     }
 
     /// For each moving edge, the configurations (of the plan) at which something sees it.
@@ -241,22 +204,29 @@ impl<'a> Assembler<'a> {
     /// The robust cost at `state`, and nothing else.
     pub fn cost(&mut self, state: &State) -> f64 {
         self.pack();
-        let mut segments = std::mem::take(&mut self.trial_segments);
-        fill_segments(self.plan, &self.robots, state, false, &mut segments);
-        let mut costs = std::mem::take(&mut self.trial_costs);
-        let this: &Self = self;
+        let segments = self.take_segments(state, false);
+        let mut costs = std::mem::take(&mut self.cut.costs);
+        let (this, apiece): (&Self, usize) = (self, self.cut.apiece());
         let block_cost = |group: &Group, block: &Block| this.block_cost(group, block, state, &segments);
-        let (of_units, of_bundles) = costs.split_at_mut(this.units.len());
-        this.units.par_iter().zip(of_units).for_each(|(unit, cost)| {
+        let (of_units, of_bundles) = costs.split_at_mut(this.cut.units.len());
+        this.cut.units.par_iter().with_min_len(apiece).zip(of_units).for_each(|(unit, cost)| {
             let group = &this.plan.groups[unit.group];
-            *cost = group.blocks[unit.blocks.clone()].iter().map(|block| block_cost(group, block)).sum();
+            *cost = unit.blocks.iter().map(|block| block_cost(group, &group.blocks[*block as usize])).sum();
         });
-        this.bundles.par_iter().zip(of_bundles).for_each(|(bundle, cost)| {
+        this.cut.bundles.par_iter().with_min_len(apiece).zip(of_bundles).for_each(|(bundle, cost)| {
             *cost = bundle.units.iter().map(|unit| unit.cost_of(this.plan, state, block_cost)).sum();
         });
         let total = costs.iter().sum::<f64>() + this.priors.cost(state);
-        (self.trial_segments, self.trial_costs) = (segments, costs);
+        (self.segments, self.cut.costs) = (segments, costs);
         total
+    }
+
+    /// The robots' segments at `state`, to be given back.
+    pub(super) fn take_segments(&mut self, state: &State, derivatives: bool) -> Vec<SegmentValues> {
+        let mut segments = std::mem::take(&mut self.segments);
+        let seen = self.cut.configurations.as_deref();
+        fill_segments(self.plan, &self.robots, state, derivatives, seen, &mut segments);
+        segments
     }
 
     /// Condenses a block and adds its expansion to a compact matrix of its group's shape; returns its cost.
@@ -321,11 +291,10 @@ impl<'a> Assembler<'a> {
     /// The transform of every block at `state`: `poses[group][block]` is `sensor_from_target`.
     #[must_use]
     pub fn block_poses(&mut self, state: &State) -> Vec<Vec<Pose>> {
-        let mut segments = std::mem::take(&mut self.trial_segments);
-        fill_segments(self.plan, &self.robots, state, false, &mut segments);
+        let segments = self.take_segments(state, false);
         let pose = |group: &Group, block: &Block| pose_along(&group.compiled, block.configuration, state, &segments);
         let poses = self.plan.groups.iter().map(|g| g.blocks.iter().map(|b| pose(g, b)).collect()).collect();
-        self.trial_segments = segments;
+        self.segments = segments;
         poses
     }
 }

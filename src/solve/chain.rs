@@ -16,9 +16,9 @@ pub(super) struct SegmentValues {
     pub(super) jacobians: Vec<[f64; 6]>,
 }
 
-/// The pose along a path.
+/// The pose along a path, multiplied in the order of [`pose_and_jacobian`], so that both have the same bits.
 pub(super) fn pose_along(path: &CompiledPath, configuration: usize, state: &State, segments: &[SegmentValues]) -> Pose {
-    path.steps.iter().fold(Pose::identity(), |pose, step| pose * value(step, configuration, state, segments))
+    path.steps.iter().rev().fold(Pose::identity(), |after, step| value(step, configuration, state, segments) * after)
 }
 
 fn value(step: &CompiledStep, configuration: usize, state: &State, segments: &[SegmentValues]) -> Pose {

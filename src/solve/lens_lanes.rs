@@ -186,7 +186,7 @@ impl LensLanes for Brown {
 impl Radially for Rational {
     #[inline(always)]
     fn factor<S: Simd>(p: &[f64; MAX_PARAMETERS], r2: Lanes<S>) -> Lanes<S> {
-        cubic(r2, [1.0, p[4], p[5], p[8]]).over(cubic(r2, [1.0, p[9], p[10], p[11]]))
+        cubic(r2, [1.0, p[4], p[5], p[8]]) * r2.like(1.0).over(cubic(r2, [1.0, p[9], p[10], p[11]]))
     }
 }
 

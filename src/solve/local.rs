@@ -8,7 +8,7 @@
 
 use std::collections::BTreeSet;
 
-use super::assemble::{Assembler, Normal, Scratch, Shape};
+use super::assemble::{Normal, Scratch, Shape};
 use super::plan::{Block, Group, Plan};
 use super::prior::pose_prior;
 use super::state::State;
@@ -65,12 +65,12 @@ pub(super) struct Bundle {
     positive: bool,
 }
 
-/// One unit for each configuration at which something moves, in bundles.
-pub(super) fn bundles(assembler: &Assembler<'_>) -> Vec<Bundle> {
-    let plan = assembler.plan;
+/// One unit for each configuration at which something moves, in bundles; of the chosen blocks only, if any are chosen.
+pub(super) fn bundles(plan: &Plan, shapes: &[Shape], chosen: Option<&[bool]>) -> Vec<Bundle> {
     let mut units: Vec<Option<LocalUnit>> = vec![None; plan.configurations.len()];
     for (group_index, group) in plan.groups.iter().enumerate().filter(|(_, group)| !group.compiled.moving.is_empty()) {
-        for (block_index, block) in group.blocks.iter().enumerate() {
+        let wanted = |block: &Block| chosen.is_none_or(|chosen| chosen[block.place]);
+        for (block_index, block) in group.blocks.iter().enumerate().filter(|(_, block)| wanted(block)) {
             let unit = units[block.configuration].get_or_insert_with(|| LocalUnit::new(block.configuration));
             unit.members.push((group_index, block_index));
             for &(_, edge) in &group.compiled.moving {
@@ -81,7 +81,7 @@ pub(super) fn bundles(assembler: &Assembler<'_>) -> Vec<Bundle> {
         }
     }
     let mut units: Vec<LocalUnit> = units.into_iter().flatten().collect();
-    units.iter_mut().for_each(|unit| unit.prepare(assembler));
+    units.iter_mut().for_each(|unit| unit.prepare(plan, shapes));
     if plan.unknowns.count > WIDEST {
         // Like to like, so that a bundle's sums, which are dense, hold what its units touch and little else.
         units.sort_by(|a, b| a.shared.cmp(&b.shared));
@@ -100,18 +100,18 @@ pub(super) fn bundles(assembler: &Assembler<'_>) -> Vec<Bundle> {
             touched.extend(&next.shared);
             units.push(next);
         }
-        bundles.push(Bundle::new(units, assembler));
+        bundles.push(Bundle::new(units, shapes));
     }
     bundles
 }
 
 impl Bundle {
-    fn new(mut units: Vec<LocalUnit>, assembler: &Assembler<'_>) -> Self {
+    fn new(mut units: Vec<LocalUnit>, shapes: &[Shape]) -> Self {
         let mut shared: Vec<usize> = units.iter().flat_map(|unit| unit.shared.iter().copied()).collect();
         shared.sort_unstable();
         shared.dedup();
         let groups = units.iter().flat_map(|unit| unit.members.iter().map(|(group, _)| *group));
-        let widest = groups.map(|group| assembler.shapes[group].width).max().unwrap_or(0);
+        let widest = groups.map(|group| shapes[group].width).max().unwrap_or(0);
         for unit in &mut units {
             let place = |column: &usize| shared.binary_search(column).unwrap_or(0) as u32;
             unit.in_bundle = unit.shared.iter().map(place).chain([shared.len() as u32]).collect();
@@ -132,7 +132,7 @@ impl Bundle {
     /// Linearises every unit.
     pub(super) fn fill(
         &mut self,
-        assembler: &Assembler<'_>,
+        (plan, shapes): (&Plan, &[Shape]),
         state: &State,
         mut expand: impl FnMut(&Group, &Shape, &Block, &mut Scratch, &mut [f64]) -> f64,
     ) {
@@ -141,10 +141,10 @@ impl Bundle {
         for unit in &mut self.units {
             let stride = self.shared.len() + 1;
             let scratch = &mut self.scratch;
-            unit.fill(assembler, &mut self.buffer, (&mut self.sums, stride), |group, shape, block, matrix| {
+            unit.fill((plan, shapes), &mut self.buffer, (&mut self.sums, stride), |group, shape, block, matrix| {
                 expand(group, shape, block, scratch, matrix)
             });
-            unit.believe(assembler.plan, state);
+            unit.believe(plan, state);
             self.cost += unit.cost;
         }
     }
@@ -193,9 +193,9 @@ impl LocalUnit {
     }
 
     /// Finds where everything goes, and makes room.
-    fn prepare(&mut self, assembler: &Assembler<'_>) {
+    fn prepare(&mut self, plan: &Plan, shapes: &[Shape]) {
         for &(group, _) in &self.members {
-            for &(_, shared, count) in &assembler.shapes[group].shared {
+            for &(_, shared, count) in &shapes[group].shared {
                 self.shared.extend(shared..shared + count);
             }
         }
@@ -203,7 +203,7 @@ impl LocalUnit {
         self.shared.dedup();
         let (local, last) = (self.local_count(), self.local_count() + self.shared.len());
         for &(group_index, _) in &self.members {
-            let shape = &assembler.shapes[group_index];
+            let shape = &shapes[group_index];
             let start = self.places.len();
             self.places.resize(start + shape.width, last as u32);
             let places = &mut self.places[start..];
@@ -212,7 +212,7 @@ impl LocalUnit {
                     places[compact + i] = (local + self.shared.binary_search(&(shared + i)).unwrap_or(0)) as u32;
                 }
             }
-            for &(column, edge) in &assembler.plan.groups[group_index].compiled.moving {
+            for &(column, edge) in &plan.groups[group_index].compiled.moving {
                 let slot = self.edges.iter().position(|known| *known == edge).unwrap_or(0);
                 for i in 0..6 {
                     places[column + i] = (6 * slot + i) as u32;
@@ -234,19 +234,18 @@ impl LocalUnit {
     /// given stride; upper triangle). `buffer` holds one member's compact matrix.
     pub(super) fn fill(
         &mut self,
-        assembler: &Assembler<'_>,
+        (plan, shapes): (&Plan, &[Shape]),
         buffer: &mut [f64],
         (sums, stride): (&mut [f64], usize),
         mut expand: impl FnMut(&Group, &Shape, &Block, &mut [f64]) -> f64,
     ) {
-        let plan = assembler.plan;
         let (local, size) = (self.local_count(), self.local_count() + self.shared.len() + 1);
         self.rows.fill(0.0);
         self.cost = 0.0;
         let mut first = 0;
         for &(group_index, block) in &self.members {
             let group = &plan.groups[group_index];
-            let shape = &assembler.shapes[group_index];
+            let shape = &shapes[group_index];
             let width = shape.width;
             let buffer = &mut buffer[..width * width];
             buffer.fill(0.0);
@@ -299,8 +298,8 @@ impl LocalUnit {
                     row[6 * slot + j] += hessian[(i, j)];
                 }
             }
-            self.cost += 0.5 * residual.norm_squared();
         }
+        self.cost += self.belief_cost(plan, state);
     }
 
     /// The cost of what is believed of the robots' stops.

@@ -87,6 +87,11 @@ impl Measurements {
         self.places[self.place_of[i] as usize]
     }
 
+    /// Whether two runs of corners show the same places in the same order, with the same ones set aside.
+    pub(super) fn show_alike(&self, a: Range<usize>, b: Range<usize>) -> bool {
+        self.place_of[a.clone()] == self.place_of[b.clone()] && self.aside[a] == self.aside[b]
+    }
+
     /// The pixel of corner `i`.
     #[inline]
     #[must_use]

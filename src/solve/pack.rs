@@ -9,6 +9,7 @@
 
 use rayon::prelude::*;
 
+use super::mean::Mean;
 use super::measurements::Measurements;
 use super::plan::{Block, GroupKind, Plan};
 
@@ -73,8 +74,8 @@ pub(super) struct Packed {
 }
 
 impl Packed {
-    /// Packs the corners of a plan for registers of `lanes` numbers.
-    pub(super) fn new(plan: &Plan, lanes: usize, folded: bool) -> Self {
+    /// Packs the corners of a plan for registers of `lanes` numbers, at least `apiece` pieces a task.
+    pub(super) fn new(plan: &Plan, lanes: usize, folded: bool, apiece: usize) -> Self {
         let corners = plan.groups.iter().filter(|group| matches!(group.kind, GroupKind::Corners { .. }));
         let runs: Vec<&[Block]> = corners.flat_map(|group| group.blocks.chunks(CHUNK)).collect();
         let pack = |order: &mut Order, run: &&[Block]| {
@@ -85,6 +86,7 @@ impl Packed {
             }
             order.known.clear();
             order.points.clear();
+            order.before = None;
             let mut places: Vec<Place> = Vec::with_capacity(run.len());
             for block in *run {
                 let place = order.pack(&plan.measurements, block, lanes, folded, places.last(), &mut chunk);
@@ -92,7 +94,8 @@ impl Packed {
             }
             (chunk, places)
         };
-        let packed: Vec<(Chunk, Vec<Place>)> = runs.par_iter().map_init(Order::default, pack).collect();
+        let packed: Vec<(Chunk, Vec<Place>)> =
+            runs.par_iter().with_min_len(apiece).map_init(Order::default, pack).collect();
         let blocks = plan.groups.iter().flat_map(|group| &group.blocks);
         let mut all = Self {
             chunks: Vec::with_capacity(packed.len()),
@@ -144,9 +147,27 @@ struct Order {
     counts: Vec<[u32; 2]>,
     counts_before: Vec<[u32; 2]>,
     means: Vec<Mean>,
+    /// The block that was sorted last.
+    before: Option<Block>,
 }
 
 impl Order {
+    /// Sorts a block. Tells whether it shows what the last one does, corner by corner, so that all stays as it is, and whether with the same weights.
+    fn sort_again(&mut self, m: &Measurements, block: &Block) -> [bool; 2] {
+        let [points, weights] = self.before.replace(*block).map_or([false; 2], |before| {
+            let (a, b) = (before.start..before.end, block.start..block.end);
+            let points = m.show_alike(a.clone(), b.clone());
+            let weights = points && a.zip(b).fold(true, |all, (i, j)| all & is_same(&m.whitener(i), &m.whitener(j)));
+            [points, weights]
+        });
+        if points {
+            self.counts.iter_mut().for_each(|count| count[1] = 0);
+        } else {
+            self.sort(m, block);
+        }
+        [points, weights]
+    }
+
     /// Finds the different points of a block, in the order in which they appear. Pictures list their corners in the same order, so the next point is nearly
     /// always the one after the last.
     fn sort(&mut self, m: &Measurements, block: &Block) {
@@ -188,8 +209,8 @@ impl Order {
         last: Option<&Place>,
         out: &mut Chunk,
     ) -> Place {
-        self.sort(m, block);
-        let like = last.filter(|_| self.points == self.points_before && self.shown_as_often());
+        let [again, weighed] = self.sort_again(m, block);
+        let like = last.filter(|_| again || (self.points == self.points_before && self.shown_as_often()));
         let mut place = Place {
             first: like.map_or(out.ends.len(), |last| last.first),
             registers: self.points.len().div_ceil(lanes),
@@ -201,13 +222,18 @@ impl Order {
             Some(last) => place.observations = last.observations,
             None => place.observations = self.pack_points(lanes, folded, out),
         }
-        out.weights.resize(out.weights.len() + place.observations * WEIGHT * lanes, 0.0);
+        match last.filter(|_| weighed) {
+            Some(last) => place.weight = last.weight,
+            None => out.weights.resize(out.weights.len() + place.observations * WEIGHT * lanes, 0.0),
+        }
         out.pixels.resize(out.pixels.len() + place.observations * PIXEL * lanes, 0.0);
-        if folded {
+        if self.point_of.len() == self.points.len() && self.points.len() == block.end - block.start {
+            put_all(out, &place, lanes, m, block, !weighed);
+        } else if folded {
             place.constant = self.fold(m, block);
             for (point, mean) in self.means.iter().enumerate() {
                 let at = (point / lanes, point % lanes);
-                put(out, &place, lanes, at, mean.pixel(), mean.weight);
+                put(out, &place, lanes, at, mean.pixel(), (!weighed).then_some(mean.weight));
             }
         } else {
             let corners = (block.start..block.end).filter(|i| m.is_kept(*i));
@@ -217,10 +243,11 @@ impl Order {
                 let done = &mut self.counts[point as usize][1];
                 let observation = (before + *done) as usize;
                 *done += 1;
-                put(out, &place, lanes, (observation, lane), m.pixel(i), weight(m.whitener(i)));
+                let weight = (!weighed).then(|| weight(m.whitener(i)));
+                put(out, &place, lanes, (observation, lane), m.pixel(i), weight);
             }
         }
-        if let Some(last) = like {
+        if let Some(last) = like.filter(|_| !weighed) {
             share_weights(out, lanes, last, &mut place);
         }
         place
@@ -279,66 +306,59 @@ fn is_same(a: &[f64; 3], b: &[f64; 3]) -> bool {
     a[0].to_bits() == b[0].to_bits() && a[1].to_bits() == b[1].to_bits() && a[2].to_bits() == b[2].to_bits()
 }
 
+/// Whether all pairs are alike. Looks at all of them, which is quicker than to ask after each whether it is time to stop.
+fn all_alike<T>(a: &[T], b: &[T], alike: impl Fn(&T, &T) -> bool) -> bool {
+    a.iter().zip(b).fold(true, |all, (a, b)| all & alike(a, b))
+}
+
 /// `W^T W` of a whitener `[a, 0; b, c]`.
 fn weight([a, b, c]: [f64; 3]) -> [f64; WEIGHT] {
     [a * a + b * b, b * c, c * c]
 }
 
-/// Writes an observation of a block.
+/// Writes an observation of a block; without a weight, the block before has the same.
 fn put(
     out: &mut Chunk,
     place: &Place,
     lanes: usize,
     (observation, lane): (usize, usize),
     pixel: [f64; PIXEL],
-    weight: [f64; WEIGHT],
+    weight: Option<[f64; WEIGHT]>,
 ) {
     let to = &mut out.pixels[(place.pixel + observation) * PIXEL * lanes..];
     (to[lane], to[lanes + lane]) = (pixel[0], pixel[1]);
-    let to = &mut out.weights[(place.weight + observation) * WEIGHT * lanes..];
-    (to[lane], to[lanes + lane], to[2 * lanes + lane]) = (weight[0], weight[1], weight[2]);
+    if let Some(weight) = weight {
+        let to = &mut out.weights[(place.weight + observation) * WEIGHT * lanes..];
+        (to[lane], to[lanes + lane], to[2 * lanes + lane]) = (weight[0], weight[1], weight[2]);
+    }
+}
+
+/// Writes the observations of a block that shows each of its points once, so that they come in the order of its corners.
+fn put_all(out: &mut Chunk, place: &Place, lanes: usize, m: &Measurements, block: &Block, weights: bool) {
+    let pixels = &mut out.pixels[place.pixel * PIXEL * lanes..];
+    for (first, to) in (block.start..block.end).step_by(lanes).zip(pixels.chunks_exact_mut(PIXEL * lanes)) {
+        let (u, v) = to.split_at_mut(lanes);
+        for ((i, u), v) in (first..block.end).zip(u).zip(v) {
+            [*u, *v] = m.pixel(i);
+        }
+    }
+    if weights {
+        let to = &mut out.weights[place.weight * WEIGHT * lanes..];
+        for (first, to) in (block.start..block.end).step_by(lanes).zip(to.chunks_exact_mut(WEIGHT * lanes)) {
+            for (lane, i) in (first..block.end.min(first + lanes)).enumerate() {
+                let [uu, uv, vv] = weight(m.whitener(i));
+                (to[lane], to[lanes + lane], to[2 * lanes + lane]) = (uu, uv, vv);
+            }
+        }
+    }
 }
 
 /// Drops the weights of the newest block if they are those of the one before it, which shows the same points.
 fn share_weights(out: &mut Chunk, lanes: usize, last: &Place, place: &mut Place) {
     let (before, newest) = out.weights.split_at(place.weight * WEIGHT * lanes);
     let before = &before[last.weight * WEIGHT * lanes..][..newest.len()];
-    // Looks at all of them, which is quicker than to ask after each whether it is time to stop.
-    if before.iter().zip(newest).fold(true, |same, (a, b)| same & (a.to_bits() == b.to_bits())) {
+    if all_alike(before, newest, |a, b| a.to_bits() == b.to_bits()) {
         out.weights.truncate(place.weight * WEIGHT * lanes);
         place.weight = last.weight;
-    }
-}
-
-/// The one observation that stands for several under least squares: the weighted mean, and the summed weights. With half the weighted sum of squares about
-/// the mean as constant, `sum |W_i (x - x_i)|^2 = |W (x - mean)|^2 + 2 constant` for every `x`.
-#[derive(Clone, Copy, Default)]
-struct Mean {
-    /// The first corner, from which the mean is counted so that nothing is lost to the size of a pixel coordinate.
-    origin: [f64; 2],
-    /// The weighted sum of the others' offsets, and once closed the mean's offset.
-    offset: [f64; 2],
-    weight: [f64; WEIGHT],
-}
-
-impl Mean {
-    fn add(&mut self, pixel: [f64; 2], w: [f64; WEIGHT]) {
-        if self.weight[0] == 0.0 {
-            self.origin = pixel;
-        }
-        let d = [pixel[0] - self.origin[0], pixel[1] - self.origin[1]];
-        (0..WEIGHT).for_each(|k| self.weight[k] += w[k]);
-        self.offset[0] += w[0] * d[0] + w[1] * d[1];
-        self.offset[1] += w[1] * d[0] + w[2] * d[1];
-    }
-
-    fn close(&mut self) {
-        let ([uu, uv, vv], [u, v]) = (self.weight, self.offset);
-        let determinant = uu * vv - uv * uv;
-        self.offset = [(vv * u - uv * v) / determinant, (uu * v - uv * u) / determinant];
-    }
-
-    fn pixel(&self) -> [f64; 2] {
-        [self.origin[0] + self.offset[0], self.origin[1] + self.offset[1]]
     }
 }

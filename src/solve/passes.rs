@@ -7,10 +7,11 @@
 use rayon::prelude::*;
 
 use super::assemble::{Assembler, Normal};
-use super::minimise::{Termination, frozen_scaling};
 use super::plan::Plan;
 use super::prior::Priors;
+use super::report::Termination;
 use super::state::State;
+use super::step::frozen_scaling;
 use super::system::System;
 use crate::frames::FrameTree;
 use crate::geometry::Pose;
@@ -136,13 +137,13 @@ impl Normal {
 impl Assembler<'_> {
     /// Finds the unknowns of each configuration alone for the shared ones as they are.
     pub fn settle(&mut self, state: &mut State) {
-        if self.bundles.is_empty() {
+        if self.cut.bundles.is_empty() {
             return;
         }
         let still = vec![0.0; self.plan.unknowns.count];
         for _ in 0..LOCAL_STEPS {
             self.linearise_locally(state);
-            self.bundles.par_iter_mut().for_each(|bundle| {
+            self.cut.bundles.par_iter_mut().for_each(|bundle| {
                 bundle.eliminate(HELD);
                 bundle.units.iter_mut().for_each(|unit| unit.back_substitute(&still));
             });
@@ -163,14 +164,14 @@ impl Assembler<'_> {
     /// Linearises at `state`, where [`Assembler::settle`] has been, and eliminates the unknowns of each configuration alone.
     pub fn reduced(&mut self, state: &State, normal: &mut Normal) {
         self.linearise(state, normal);
-        self.bundles.par_iter_mut().for_each(|bundle| bundle.eliminate(HELD));
-        for bundle in &self.bundles {
+        self.cut.bundles.par_iter_mut().for_each(|bundle| bundle.eliminate(HELD));
+        for bundle in &self.cut.bundles {
             if let Some(taken) = bundle.taken() {
                 let negative: Vec<f64> = taken.iter().map(|value| -value).collect();
                 normal.add_upper(&bundle.shared, &negative);
             }
         }
-        if !self.bundles.is_empty() {
+        if !self.cut.bundles.is_empty() {
             normal.mirror();
         }
     }

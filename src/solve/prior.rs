@@ -71,14 +71,13 @@ impl Priors {
                     normal.add(start + i, start + j, hessian[(i, j)]);
                 }
             }
-            normal.cost += 0.5 * residual.norm_squared();
         }
         for (robot, place, column, sigma) in &self.links {
             let value = state.corrections[*robot][*place] / sigma;
             normal.gradient[*column] += value / sigma;
             normal.add(*column, *column, 1.0 / (sigma * sigma));
-            normal.cost += 0.5 * value * value;
         }
+        normal.cost += self.cost(state);
     }
 
     /// The cost of the beliefs.

@@ -49,19 +49,25 @@ pub(super) fn robot_data<'a>(layout: &'a Layout, recording: &'a Recording, plan:
     layout.robots.iter().enumerate().map(one).collect()
 }
 
-/// Evaluates every segment of the plan at every configuration. Nothing is allocated when `out` has been filled once.
+/// Configurations a task takes at least: fewer are not worth waking another thread.
+const APIECE: usize = 64;
+
+/// Evaluates every segment of the plan at every configuration; of a robot that is being identified at those only that are `seen`, if they are named.
+/// Nothing is allocated when `out` has been filled once.
 pub(super) fn fill_segments(
     plan: &Plan,
     robots: &[RobotData<'_>],
     state: &State,
     derivatives: bool,
+    seen: Option<&[bool]>,
     out: &mut [SegmentValues],
 ) {
     let count = plan.configurations.len();
     for (segment, values) in plan.segments.iter().zip(out) {
         let robot = &robots[segment.robot];
         // A robot that is not identified stands where it stands: computed once.
-        if robot.wanted.is_empty() && values.poses.len() == count {
+        let still = robot.wanted.is_empty();
+        if still && values.poses.len() == count {
             continue;
         }
         let Some(chain) = robot.chain else {
@@ -70,18 +76,21 @@ pub(super) fn fill_segments(
         };
         let (from, to, corrections) = (segment.from, segment.to, &state.corrections[segment.robot]);
         values.poses.resize(count, Pose::identity());
-        let known = robot.joints.par_iter().zip(&mut values.poses);
-        if derivatives && !robot.wanted.is_empty() {
-            let wanted = &robot.wanted;
-            values.jacobians.resize(count * wanted.len(), [0.0; 6]);
-            known.zip(values.jacobians.par_chunks_mut(wanted.len())).for_each(|((joints, pose), columns)| {
-                if !joints.is_empty() {
-                    *pose = chain.differentiate_segment(joints, corrections, from, to, wanted, columns);
+        let is_seen = |place: usize| still || seen.is_none_or(|seen| seen[place]);
+        let wanted = |place: usize, joints: &[f64]| !joints.is_empty() && is_seen(place);
+        let known = robot.joints.par_iter().with_min_len(APIECE).zip(&mut values.poses).enumerate();
+        if derivatives && !still {
+            let links = &robot.wanted;
+            values.jacobians.resize(count * links.len(), [0.0; 6]);
+            let columns = values.jacobians.par_chunks_mut(links.len());
+            known.zip(columns).for_each(|((place, (joints, pose)), columns)| {
+                if wanted(place, joints) {
+                    *pose = chain.differentiate_segment(joints, corrections, from, to, links, columns);
                 }
             });
         } else {
-            known.for_each(|(joints, pose)| {
-                if !joints.is_empty() {
+            known.for_each(|(place, (joints, pose))| {
+                if wanted(place, joints) {
                     *pose = chain.segment(joints, corrections, from, to);
                 }
             });

@@ -13,7 +13,6 @@ use super::assemble::{Assembler, Scratch, Shape};
 use super::chain::pose_and_jacobian;
 use super::local::LocalUnit;
 use super::plan::{CompiledPath, CompiledStep, Group, GroupKind};
-use super::robots::fill_segments;
 use super::state::State;
 use crate::frames::FrameId;
 use crate::geometry::Pose;
@@ -240,8 +239,7 @@ impl Assembler<'_> {
 
     /// The pose along a path and its derivative to the path's own columns, one a column.
     pub fn along(&mut self, path: &CompiledPath, configuration: usize, state: &State) -> (Pose, DMatrix<f64>) {
-        let mut segments = std::mem::take(&mut self.segments);
-        fill_segments(self.plan, &self.robots, state, true, &mut segments);
+        let segments = self.take_segments(state, true);
         let mut jacobian = vec![[0.0; 6]; path.columns];
         let pose = pose_and_jacobian(path, configuration, state, &segments, &mut jacobian);
         self.segments = segments;

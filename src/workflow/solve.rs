@@ -73,7 +73,7 @@ pub struct Solved {
     pub plan: Plan,
     /// The values found.
     pub state: State,
-    /// How the search went; costs of its last pass, iterations of all.
+    /// How the search went; costs of its last pass, linearisations of all.
     pub report: Report,
     /// What is left of the measurements.
     pub residuals: Residuals,
@@ -267,13 +267,14 @@ pub(super) fn solve_plain(
     let Start { mut state, dropped } = start;
     let beginning = state.clone();
     let mut rejected = Rejected { unplaced: dropped, ..Rejected::default() };
-    let mut iterations = 0;
+    let (mut iterations, mut thinned) = (0, 0);
     let mut run = |assembler: &mut Assembler<'_>, state: &mut State, options: &Options| {
         let report = minimise(assembler, &tree, state, options);
         seconds.linearise += report.seconds.linearise;
         seconds.factorise += report.seconds.factorise;
         seconds.evaluate += report.seconds.evaluate;
         iterations += report.iterations;
+        thinned += report.thinned;
         report
     };
     if layout.solve.loss != LossSetting::Squared {
@@ -293,7 +294,7 @@ pub(super) fn solve_plain(
         }
         rejected.add(unseen);
     };
-    report.iterations = iterations;
+    (report.iterations, report.thinned) = (iterations, thinned);
     let clock = Instant::now();
     // Linearised without the priors, whose weight is no matter of how noisy the measurements are.
     let mut measuring = Assembler::new(&layout, recording, &plan, Priors::default());
