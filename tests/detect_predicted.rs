@@ -35,7 +35,7 @@ fn what_is_expected_is_found_as_without() {
     for seed in 0..6 {
         let (picture, truth) = Scene { clutter: seed % 2 == 1, ..USUAL }.render(seed, None);
         let without = look(&picture, &Expected::default());
-        let with = look(&picture, &Expected { tags: told(&truth, 1.5), all: true });
+        let with = look(&picture, &Expected { tags: told(&truth, 1.5), all: true, ..Expected::default() });
         let names = |corners: &[Corner]| corners.iter().map(|c| (c.tag, c.corner)).collect::<Vec<_>>();
         assert_eq!(names(&with), names(&without), "seed {seed}");
         for (a, b) in with.iter().zip(&without) {
@@ -61,12 +61,12 @@ fn what_is_not_there_is_searched_for() {
         || right.iter().map(|tag| ExpectedTag { corners: [1, 2, 3, 0].map(|k: usize| tag.corners[k]), ..*tag });
     let nowhere = || right.iter().map(|tag| ExpectedTag { corners: [[f64::NAN, 1e300]; 4], ..*tag });
     for tags in [moved(25.0).collect(), renamed().collect(), turned().collect(), nowhere().collect::<Vec<_>>()] {
-        assert_eq!(look(&picture, &Expected { tags, all: true }), without);
+        assert_eq!(look(&picture, &Expected { tags, all: true, ..Expected::default() }), without);
     }
     for corners in [[[1.4e14, 5.0]; 4], [[f64::INFINITY, -1e19]; 4]] {
         assert_eq!(NativeDetector::new().verify(&picture, &ExpectedTag { corners, ..right[0] }), None);
     }
     // One that nobody expects is found if there may be more.
     let tags = right[1..].to_vec();
-    assert_eq!(look(&picture, &Expected { tags, all: false }), without);
+    assert_eq!(look(&picture, &Expected { tags, all: false, ..Expected::default() }), without);
 }

@@ -10,8 +10,8 @@ mod scene;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use cellmap::detect::GreyPicture;
-use cellmap::detect::native::Sight;
+use cellmap::detect::native::{NativeDetector, Sight};
+use cellmap::detect::{Corner, Detector, Expected, ExpectedTag, GreyPicture, Pattern};
 use program::{folder, json, run, stderr};
 use rendering::Random;
 use scene::{Scene, USUAL};
@@ -46,6 +46,81 @@ fn only_noise_shows_the_same() {
     }
     let [wide, high] = [[64, 32], [32, 64]].map(|[width, height]| GreyPicture::new(width, height, vec![9; 2048]));
     assert!(!Sight::of(&wide.unwrap()).is_of(&high.unwrap()));
+}
+
+/// The picture in more or less light, with noise of two grey levels.
+fn shot(picture: &GreyPicture, seed: u64, light: f64) -> GreyPicture {
+    let mut random = Random(seed);
+    let pixels = picture.pixels().iter().map(|value| f64::from(*value) + light + 2.0 * random.normal());
+    let pixels = pixels.map(|value| value.round().clamp(0.0, 255.0) as u8);
+    GreyPicture::new(picture.width(), picture.height(), pixels.collect()).unwrap()
+}
+
+fn look(picture: &GreyPicture, expected: &Expected) -> Vec<Corner> {
+    let wanted = [Pattern::Tags { dictionary: USUAL.dictionary, ids: (0..250).collect() }];
+    NativeDetector::new().detect_expected(picture, None, &wanted, expected).unwrap()
+}
+
+/// What a picture says of others that show the same.
+fn known(picture: &GreyPicture) -> Expected {
+    let wanted = [Pattern::Tags { dictionary: USUAL.dictionary, ids: (0..250).collect() }];
+    let detector = NativeDetector::new();
+    let (found, known) = detector.detect_known(picture, None, &wanted, &Expected::default()).unwrap();
+    assert_eq!(found, detector.detect(picture, None, &wanted).unwrap());
+    let whole = found.chunk_by(|a, b| a.tag == b.tag).filter(|four| four.len() == 4);
+    let tags: Vec<ExpectedTag> = whole
+        .map(|four| ExpectedTag {
+            dictionary: USUAL.dictionary,
+            id: four[0].tag.unwrap(),
+            corners: [0, 1, 2, 3].map(|k: usize| four[k].pixel),
+        })
+        .collect();
+    Expected { tags, known, all: true }
+}
+
+#[test]
+fn a_known_tag_is_measured_by_each_picture_alone() {
+    // Of each way to measure: squared errors, the same in standard deviations, products with the first picture's errors, how many.
+    let mut sums = [[0.0; 4]; 2];
+    for seed in 0..6 {
+        let (clean, truth) = Scene { size: [18.0, 26.0], noise: 0.0, ..USUAL }.render(seed, None);
+        let first = shot(&clean, 2 * seed, 0.0);
+        let expected = known(&first);
+        assert!(expected.known.len() > truth.len() / 2, "{} of {}", expected.known.len(), truth.len());
+        let second = shot(&clean, 2 * seed + 1, 3.0);
+        let before = look(&first, &Expected::default());
+        let (with, without) = (look(&second, &expected), look(&second, &Expected::default()));
+        for (found, sums) in [with, without].iter().zip(&mut sums) {
+            for corner in found {
+                let same = |other: &&Corner| (other.tag, other.corner) == (corner.tag, corner.corner);
+                let Some(before) = before.iter().find(same) else { continue };
+                let truth =
+                    truth.iter().find(|tag| Some(tag.id) == corner.tag).unwrap().corners[corner.corner as usize];
+                let ([x, y], [uu, uv, vv]) =
+                    ([0, 1].map(|axis: usize| corner.pixel[axis] - truth[axis]), corner.covariance.unwrap());
+                let determinant = uu * vv - uv * uv;
+                sums[0] += x * x + y * y;
+                sums[1] += (x * x * vv - 2.0 * x * y * uv + y * y * uu) / determinant;
+                sums[2] += x * (before.pixel[0] - truth[0]) + y * (before.pixel[1] - truth[1]);
+                sums[3] += 2.0;
+            }
+        }
+    }
+    let [with, without] = sums.map(|[squares, normalised, products, count]| {
+        (f64::sqrt(squares / count), normalised / count, products / squares, count)
+    });
+    assert!(with.3 > 200.0 && (with.3 - without.3).abs() < 0.03 * with.3, "{with:?} {without:?}");
+    assert!(with.0 < 1.05 * without.0, "{with:?} {without:?}");
+    assert!((0.85..1.15).contains(&(with.1 / without.1)), "{with:?} {without:?}");
+    // What is wrong in the first picture is not wrong in the second for it.
+    assert!(with.2 < without.2 + 0.1, "{with:?} {without:?}");
+}
+
+#[test]
+fn a_known_tag_in_another_picture_is_not_believed() {
+    let scene = Scene { size: [18.0, 26.0], ..USUAL };
+    let (first, other) = (scene.render(1, None).0, scene.render(2, None).0);
+    assert_eq!(look(&other, &known(&first)), look(&other, &Expected::default()));
 }
 
 /// Pixel and variances of each corner.

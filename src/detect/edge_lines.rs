@@ -16,7 +16,7 @@
 //! A corner comes with its covariance, from the scatter of its own two lines, or with the reason why
 //! it could not be measured. It is never passed on unrefined.
 
-use super::blurred_cells::Cells;
+use super::all_cells::{self, Measured, Start};
 use super::edge_behind::Behind;
 use super::edge_fit::SideFit;
 use super::edge_side::{Bend, Side};
@@ -27,7 +27,6 @@ pub use super::lens::Lens;
 use super::picture::GreyPicture;
 use super::projection::{Projection, cross};
 pub use super::refinement::{Refinement, Weakness};
-use super::whole_tag::WholeTag;
 
 /// Standard deviation in px, along the worst direction, above which a corner is weak.
 pub const LARGEST_DEVIATION: f64 = 0.5;
@@ -74,6 +73,16 @@ pub fn refine_tag(picture: &GreyPicture, lens: Option<&dyn Lens>, tag: &RoughTag
 /// Measures the corners of all tags of a picture; answers in the order of the tags. Better than one by one, since they share the camera's tone.
 #[must_use]
 pub fn refine_tags(picture: &GreyPicture, lens: Option<&dyn Lens>, tags: &[RoughTag<'_>]) -> Vec<[Refinement; 4]> {
+    measure_tags(picture, lens, tags, false).into_iter().map(|(corners, _)| corners).collect()
+}
+
+/// The same; with `keep` also the fits of those tags that were measured by all of their cells.
+pub(super) fn measure_tags(
+    picture: &GreyPicture,
+    lens: Option<&dyn Lens>,
+    tags: &[RoughTag<'_>],
+    keep: bool,
+) -> Vec<Measured> {
     let bender = Bender(lens);
     let mut stations = Stations::default();
     let start = Profile { blur: USUAL_BLUR, tone: 0.0 };
@@ -97,11 +106,12 @@ pub fn refine_tags(picture: &GreyPicture, lens: Option<&dyn Lens>, tags: &[Rough
             && lines.clear
             && corners.iter().all(|corner| matches!(corner, Refinement::Refined { .. }))
         {
-            return *corners;
+            return (*corners, None);
         }
-        whole(picture, &bender, tag, lines.as_ref().ok())
-            .or(corrected)
-            .unwrap_or_else(|weakness| [Refinement::Weak(weakness); 4])
+        let start = lines.as_ref().map_or(Start { ideal: None, blur: USUAL_BLUR }, Lines::start);
+        all_cells::corners(picture, &bender, tag, &start, keep)
+            .or_else(|_| corrected.map(|corners| (corners, None)))
+            .unwrap_or_else(|weakness| ([Refinement::Weak(weakness); 4], None))
     });
     measured.collect()
 }
@@ -186,6 +196,11 @@ fn lines(
 }
 
 impl Lines {
+    /// Where the fit of all cells begins.
+    fn start(&self) -> Start {
+        Start { ideal: Some(self.ideal), blur: self.blur }
+    }
+
     /// The same with a better tone.
     fn again(
         &self,
@@ -220,36 +235,6 @@ impl Lines {
     }
 }
 
-/// What all cells together say.
-fn whole(
-    picture: &GreyPicture,
-    bender: &Bender<'_>,
-    tag: &RoughTag<'_>,
-    lines: Option<&Lines>,
-) -> Result<[Refinement; 4], Weakness> {
-    let cells = Cells { per_side: tag.cells_per_side, bright: tag.cells.ok_or(Weakness::TooFewEdges)? };
-    let ideal = match lines {
-        Some(lines) if !tag.close => lines.ideal,
-        _ => bender.undistort_all(tag.corners)?,
-    };
-    // Without the lens the tag, and its blur with it, is larger or smaller.
-    let length = |quad: &[[f64; 2]; 4], k: usize| (quad[k][0] - quad[k ^ 2][0]).hypot(quad[k][1] - quad[k ^ 2][1]);
-    let pixels = bender.distort_all(ideal)?;
-    let stretch = f64::max(length(&ideal, 0) / length(&pixels, 0), length(&ideal, 1) / length(&pixels, 1));
-    let blur = stretch * lines.map_or(USUAL_BLUR, |lines| lines.blur);
-    let whole = WholeTag { ideal, cells, bright_inside: tag.bright_inside, blur };
-    let (mut corners, seen) = whole.fit(picture, bender)?;
-    if seen > 1.15 * blur {
-        // Less of the margin was free of what lies beyond it than was thought.
-        (corners, _) = WholeTag { ideal: corners.map(|corner| corner.0), blur: seen, ..whole }.fit(picture, bender)?;
-    }
-    let mut measured = [Refinement::Weak(Weakness::TooUncertain); 4];
-    for (measured, (ideal, covariance)) in measured.iter_mut().zip(corners) {
-        *measured = believe(bender.distort(ideal)?, bender.bend(ideal, covariance)?);
-    }
-    Ok(measured)
-}
-
 /// The last word on one corner: `first` is the side that ends there, `second` the one that begins.
 fn judge(rough: [f64; 2], pixel: [f64; 2], sides: [&Side; 2], fits: [&SideFit; 2]) -> Refinement {
     let shortest = sides[0].length.min(sides[1].length);
@@ -276,7 +261,7 @@ fn judge(rough: [f64; 2], pixel: [f64; 2], sides: [&Side; 2], fits: [&SideFit; 2
 }
 
 /// A corner, unless it is known too badly.
-fn believe(pixel: [f64; 2], covariance: [f64; 3]) -> Refinement {
+pub(super) fn believe(pixel: [f64; 2], covariance: [f64; 3]) -> Refinement {
     // The larger eigenvalue.
     let mean = (covariance[0] + covariance[2]) / 2.0;
     let worst = mean + ((covariance[0] - covariance[2]) / 2.0).hypot(covariance[1]);

@@ -10,6 +10,7 @@
 //! * [`edge_lines`]: a tag's corners, from straight lines fitted to its border's edges.
 //! * `edge_tone`: what a camera's gamma and saturation do to edges, found and taken away.
 //! * `whole_tag`: the same, from all cells at once, where cells are only a few blurs wide.
+//! * `known_tag`: the same again in pictures that show the same.
 //! * [`saddle`]: a board's corners, from the crossing of two edges.
 //! * [`charuco`]: a ChArUco board's corners, from the tags on it.
 //! * [`checkerboard`]: which corner of a checkerboard is the first, and whether that can be known.
@@ -21,6 +22,7 @@
 //! **Pixels**: the centre of the top-left pixel is (0, 0). **Corners of a tag** are 0 top-left,
 //! 1 top-right, 2 bottom-right, 3 bottom-left as printed; of a board, row * columns + column.
 
+mod all_cells;
 mod blurred_cells;
 pub mod charuco;
 pub mod checkerboard;
@@ -31,6 +33,7 @@ pub mod edge_lines;
 mod edge_side;
 mod edge_stations;
 mod edge_tone;
+mod known_tag;
 mod lens;
 pub mod native;
 #[cfg(feature = "opencv")]
@@ -43,6 +46,7 @@ mod refinement;
 pub mod saddle;
 mod tag_pixels;
 mod tag_sums;
+mod tag_verdict;
 mod whole_tag;
 mod wide;
 
@@ -51,6 +55,7 @@ use thiserror::Error;
 pub use crate::geometry::Pattern;
 pub use crate::geometry::dictionary::Dictionary;
 pub use edge_lines::Lens;
+pub use known_tag::KnownTag;
 pub use picture::{GreyPicture, PictureError};
 
 /// One corner found in a picture.
@@ -111,10 +116,12 @@ pub struct ExpectedTag {
 }
 
 /// What must be in a picture.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Default)]
 pub struct Expected {
     /// The tags.
     pub tags: Vec<ExpectedTag>,
+    /// Those of them that were fitted in a picture that shows the same.
+    pub known: Vec<KnownTag>,
     /// Whether nothing else that is wanted can be in the picture.
     pub all: bool,
 }
@@ -156,5 +163,19 @@ pub trait Detector: Send + Sync {
     ) -> Result<Vec<Corner>, DetectError> {
         let _ = expected;
         self.detect(picture, lens, wanted)
+    }
+
+    /// As [`Detector::detect_expected`], and what the picture says of others that show the same: tags of which [`Expected::known`] saves a fit there.
+    ///
+    /// # Errors
+    /// As [`Detector::detect`].
+    fn detect_known(
+        &self,
+        picture: &GreyPicture,
+        lens: Option<&dyn Lens>,
+        wanted: &[Pattern],
+        expected: &Expected,
+    ) -> Result<(Vec<Corner>, Vec<KnownTag>), DetectError> {
+        Ok((self.detect_expected(picture, lens, wanted, expected)?, Vec::new()))
     }
 }

@@ -5,8 +5,10 @@
 
 use std::collections::BTreeMap;
 
+use super::all_cells::Measured;
 use super::charuco::CharucoBoard;
-use super::edge_lines::{Refinement, RoughTag, refine_tag, refine_tags};
+use super::edge_lines::{Refinement, RoughTag, measure_tags, refine_tag};
+use super::known_tag::KnownTag;
 use super::plane_map::PlaneMap;
 use super::saddle::{RoughCorner, refine_saddle};
 use super::{Corner, DetectError, Dictionary, GreyPicture, Lens, Pattern};
@@ -61,10 +63,42 @@ pub fn refine_found(
     lens: Option<&dyn Lens>,
     tags: &[(FoundTag, Dictionary)],
 ) -> Vec<[Refinement; 4]> {
+    measure_found(picture, lens, tags, false).into_iter().map(|(corners, _)| corners).collect()
+}
+
+/// The same; with `keep` also the fits of those tags that were measured by all of their cells.
+fn measure_found(
+    picture: &GreyPicture,
+    lens: Option<&dyn Lens>,
+    tags: &[(FoundTag, Dictionary)],
+    keep: bool,
+) -> Vec<Measured> {
     let cells: Vec<Option<Vec<bool>>> = tags.iter().map(|(tag, dictionary)| tag.cells(*dictionary)).collect();
     let rough: Vec<RoughTag<'_>> =
         tags.iter().zip(&cells).map(|((tag, dictionary), cells)| tag.rough(*dictionary, cells.as_deref())).collect();
-    refine_tags(picture, lens, &rough)
+    measure_tags(picture, lens, &rough, keep)
+}
+
+/// The same for tags of which some are known from another picture.
+fn measure_known(
+    picture: &GreyPicture,
+    lens: Option<&dyn Lens>,
+    tags: &[(FoundTag, Dictionary)],
+    known: &[KnownTag],
+    keep: bool,
+) -> Vec<Measured> {
+    let mut unknown = Vec::new();
+    let mut measured = Vec::with_capacity(tags.len());
+    for (tag, dictionary) in tags {
+        let known = known.iter().find(|known| known.is(tag, *dictionary));
+        let corners = known.and_then(|known| known.measure(picture, lens).ok());
+        if corners.is_none() {
+            unknown.push((*tag, *dictionary));
+        }
+        measured.push(corners.map(|corners| (corners, None)));
+    }
+    let mut others = measure_found(picture, lens, &unknown, keep).into_iter();
+    measured.into_iter().filter_map(|corners| corners.or_else(|| others.next())).collect()
 }
 
 /// Finds patterns roughly.
@@ -81,12 +115,15 @@ pub(super) trait Finder {
     ) -> Result<Option<Vec<[f64; 2]>>, DetectError>;
 }
 
-/// [`super::Detector::detect`] by means of a finder.
+/// [`super::Detector::detect`] by means of a finder, with tags that are `known` from a picture that shows the same. Those that may be known in others are put
+/// into `keep`.
 pub(super) fn detect_with(
     finder: &dyn Finder,
     picture: &GreyPicture,
     lens: Option<&dyn Lens>,
     wanted: &[Pattern],
+    known: &[KnownTag],
+    mut keep: Option<&mut Vec<KnownTag>>,
 ) -> Result<Vec<Corner>, DetectError> {
     let mut dictionaries: Vec<Dictionary> = wanted
         .iter()
@@ -156,7 +193,11 @@ pub(super) fn detect_with(
             }
         }
     }
-    for ((pattern, (tag, _)), refined) in patterns.iter().zip(&tags).zip(refine_found(picture, lens, &tags)) {
+    let measured = measure_known(picture, lens, &tags, known, keep.is_some());
+    for ((pattern, (tag, dictionary)), (refined, fit)) in patterns.iter().zip(&tags).zip(measured) {
+        if let (Some(keep), Some(fit)) = (keep.as_deref_mut(), fit) {
+            keep.extend(KnownTag::new(*dictionary, tag.id, &refined, fit));
+        }
         for (corner, refinement) in (0..).zip(refined) {
             if let Refinement::Refined { pixel, covariance } = refinement {
                 let (tag, covariance) = (Some(tag.id), Some(covariance));

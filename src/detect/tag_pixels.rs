@@ -24,7 +24,7 @@ pub(super) struct Group {
 }
 
 /// The pixels of a tag.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct Pixels {
     pub groups: Vec<Group>,
     /// How many they are; the last group may not be full.
@@ -33,6 +33,9 @@ pub(super) struct Pixels {
     places: Vec<[u16; 2]>,
     columns: usize,
     rows: usize,
+    /// The grid's first column and row in the picture, and how many of the picture's one of the grid's is.
+    first: [usize; 2],
+    every: usize,
 }
 
 /// A rectangle of the picture around a tag.
@@ -60,10 +63,11 @@ impl Pixels {
             let all = low[axis].max(0.0) as usize..(high[axis] as usize).saturating_add(1).min(extent[axis]);
             all.step_by(every).collect::<Vec<usize>>()
         });
-        let mut pixels = Self { columns: columns.len(), rows: rows.len(), ..Self::default() };
+        let mut pixels = Self { columns: columns.len(), rows: rows.len(), every, ..Self::default() };
         let (Some(first), Some(last)) = (columns.first().zip(rows.first()), columns.last().zip(rows.last())) else {
             return Ok(pixels);
         };
+        pixels.first = [*first.0, *first.1];
         let ideal = Ideal::over(bender, [*first.0, *first.1], [*last.0, *last.1])?;
         let across: Vec<[f64; NODES]> = columns.iter().map(|column| ideal.weights(0, *column)).collect();
         for (block, band) in rows.chunks(BLOCK[1]).enumerate() {
@@ -83,6 +87,18 @@ impl Pixels {
             }
         }
         Ok(pixels)
+    }
+
+    /// The same pixels of another picture; `None` if it is too small.
+    pub fn of(&self, picture: &GreyPicture) -> Option<Self> {
+        let mut pixels = self.clone();
+        for (group, places) in pixels.groups.iter_mut().zip(self.places.chunks(LANES)) {
+            for (value, place) in group.value.iter_mut().zip(places) {
+                let [column, row] = [0, 1].map(|axis: usize| self.first[axis] + self.every * usize::from(place[axis]));
+                *value = f32::from(picture.pixel(column, row)?);
+            }
+        }
+        Some(pixels)
     }
 
     fn push(&mut self, place: [f64; 2], value: u8, on_grid: [u16; 2]) {

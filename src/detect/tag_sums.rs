@@ -31,6 +31,9 @@ pub(super) struct Model<'a> {
     pub believed: f32,
 }
 
+/// Slopes of eight pixels by the unknowns.
+pub(super) type Slopes = [Lanes; UNKNOWNS];
+
 /// Products of slopes, `[i][k]` for `k >= i`; the last column is the residual's.
 pub(super) type Sums = [[f64; COLUMNS]; COLUMNS];
 
@@ -40,6 +43,14 @@ impl Model<'_> {
         residuals.clear();
         residuals.resize(pixels.groups.len(), [0.0; LANES]);
         dispatch(Pass { model: self, groups: &pixels.groups, residuals })
+    }
+
+    /// What the model says of each pixel, and its slopes. Where there is no pixel they are 0.
+    pub fn linearised(&self, pixels: &Pixels) -> (Vec<Lanes>, Vec<Slopes>) {
+        let count = pixels.groups.len();
+        let (mut expected, mut slopes) = (vec![[0.0; LANES]; count], vec![[[0.0; LANES]; UNKNOWNS]; count]);
+        dispatch(Linearise { model: self, groups: &pixels.groups, expected: &mut expected, slopes: &mut slopes });
+        (expected, slopes)
     }
 }
 
@@ -69,6 +80,75 @@ impl WithSimd for Pass<'_> {
             }
         }
         sums.map(|line| line.map(|lanes| lanes.iter().map(|value| f64::from(*value)).sum()))
+    }
+}
+
+struct Linearise<'a> {
+    model: &'a Model<'a>,
+    groups: &'a [Group],
+    expected: &'a mut [Lanes],
+    slopes: &'a mut [Slopes],
+}
+
+impl WithSimd for Linearise<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let mut edges = Edges::new(simd);
+        let mut row = [[0.0; LANES]; COLUMNS];
+        for ((group, expected), slopes) in self.groups.iter().zip(self.expected).zip(self.slopes) {
+            let mut residual = [0.0; LANES];
+            self.model.slopes(simd, group, &mut residual, &mut row, &mut edges);
+            *expected = std::array::from_fn(|lane| group.value[lane] - residual[lane]);
+            slopes.copy_from_slice(&row[..UNKNOWNS]);
+        }
+    }
+}
+
+/// One step with slopes that are kept: takes from the residuals what an earlier step explains, and sums up slopes times residuals for the next.
+/// Residuals beyond `believed` count as if they were there.
+pub(super) fn gradient(
+    slopes: &[Slopes],
+    step: [f32; UNKNOWNS],
+    believed: f32,
+    residuals: &mut [Lanes],
+) -> [f64; UNKNOWNS] {
+    dispatch(Gradient { slopes, step, believed, residuals })
+}
+
+struct Gradient<'a> {
+    slopes: &'a [Slopes],
+    step: [f32; UNKNOWNS],
+    believed: f32,
+    residuals: &'a mut [Lanes],
+}
+
+impl WithSimd for Gradient<'_> {
+    type Output = [f64; UNKNOWNS];
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> [f64; UNKNOWNS] {
+        let mut sums = [[0.0; LANES]; UNKNOWNS];
+        let (low, high) = (Wide::splat(simd, -self.believed), Wide::splat(simd, self.believed));
+        for part in 0..LANES / S::F32_LANES {
+            let mut kept = [Wide::splat(simd, 0.0); UNKNOWNS];
+            for (slopes, residual) in self.slopes.iter().zip(self.residuals.iter_mut()) {
+                let mut left = lanes(simd, residual, part);
+                for (slope, step) in slopes.iter().zip(self.step) {
+                    left = left - lanes(simd, slope, part) * Wide::splat(simd, step);
+                }
+                store(residual, part, left);
+                let believed = left.max(low).min(high);
+                for (kept, slope) in kept.iter_mut().zip(slopes) {
+                    *kept = *kept + lanes(simd, slope, part) * believed;
+                }
+            }
+            for (sum, kept) in sums.iter_mut().zip(kept) {
+                store(sum, part, kept);
+            }
+        }
+        sums.map(|lanes| lanes.iter().map(|value| f64::from(*value)).sum())
     }
 }
 

@@ -19,12 +19,14 @@ use nalgebra::{Cholesky, Const, SMatrix, SVector};
 
 use super::blurred_cells::{Cells, Marks};
 use super::edge_lines::Weakness;
+use super::known_tag::Linear;
 use super::lens::Bender;
 use super::picture::GreyPicture;
 use super::projection::Projection;
 use super::tag_pixels::{Frame, Pixels};
 use super::tag_sums::{Model, Sums, UNKNOWNS};
-use super::wide::{LANES, Lanes};
+use super::tag_verdict::{BELIEVED, Judge, spread};
+use super::wide::Lanes;
 
 /// Bound of the tone: beyond it grey would not grow with light.
 const STEEPEST: f64 = 0.95;
@@ -36,16 +38,8 @@ const MOST_STEPS: usize = 16;
 const STILL: f64 = 4e-3;
 /// Bounds of the blur, px.
 const BLUR_BOUNDS: [f64; 2] = [0.3, 6.0];
-/// Residuals are believed up to so many standard deviations.
-const BELIEVED: f64 = 2.5;
-/// Grey levels between black and white below which there is no tag.
-const LEAST_CONTRAST: f64 = 8.0;
-/// Part of the picture's variance that the fit must explain.
-const EXPLAINED: f64 = 0.8;
 /// What is added to the diagonal of the scaled normal matrix, for what the picture does not tell: single precision's part of it.
 const DAMPING: f64 = 1e-6;
-/// Residuals of which the running spread is taken, at most.
-const MOST_SPREAD: usize = 256;
 
 /// What is fitted.
 pub(super) struct WholeTag<'a> {
@@ -61,14 +55,15 @@ pub(super) struct WholeTag<'a> {
 pub(super) type IdealCorner = ([f64; 2], [f64; 3]);
 
 /// The state of the fit.
-struct State {
+#[derive(Debug, Clone)]
+pub(super) struct State {
     /// Cells, from the middle of the tag, to ideal pixels from `WholeTag`'s.
-    map: Projection,
+    pub map: Projection,
     /// Covariance `[xx, xy, yy]`, px^2.
-    blur: [f64; 3],
+    pub blur: [f64; 3],
     /// Dark, its slopes, contrast.
-    light: [f64; 4],
-    tone: f64,
+    pub light: [f64; 4],
+    pub tone: f64,
 }
 
 /// The scaled normal matrix, factorised, and the units it is scaled by.
@@ -77,9 +72,95 @@ struct Normal {
     units: SVector<f64, UNKNOWNS>,
 }
 
+/// A fit that stands still.
+pub(super) struct Fitted<'a> {
+    tag: &'a WholeTag<'a>,
+    marks: Marks,
+    middle: [f64; 2],
+    pixels: Pixels,
+    residuals: Vec<Lanes>,
+    state: State,
+    normal: Normal,
+    scale: f64,
+}
+
+impl Fitted<'_> {
+    /// The corners, and the blur along its worst direction (px).
+    pub fn corners(&self) -> Result<([IdealCorner; 4], f64), Weakness> {
+        let judge = Judge { bright_inside: self.tag.bright_inside, scale: self.scale };
+        let variance = judge.variance(&self.pixels, &self.residuals, &self.state)?;
+        let per_side = self.tag.cells.per_side;
+        let covariances = covariances(&self.state.map, per_side, &self.normal.inverse());
+        let corners = corners(&self.state.map, per_side);
+        let found = [0, 1, 2, 3].map(|k: usize| {
+            let pixel = [corners[k][0] + self.middle[0], corners[k][1] + self.middle[1]];
+            (pixel, covariances[k].map(|number| variance * number))
+        });
+        let [xx, xy, yy] = self.state.blur;
+        let worst = (xx + yy) / 2.0 + ((xx - yy) / 2.0).hypot(xy);
+        Ok((found, worst.sqrt()))
+    }
+
+    /// The fit, made linear for other pictures.
+    pub fn linear(self) -> Result<Linear, Weakness> {
+        let Self { tag, marks, middle, pixels, state, normal, scale, .. } = self;
+        let model = tag.model(&marks, &state, f64::INFINITY)?;
+        let (expected, slopes) = model.linearised(&pixels);
+        Ok(Linear {
+            per_side: tag.cells.per_side,
+            bright_inside: tag.bright_inside,
+            middle,
+            pixels,
+            expected,
+            slopes,
+            inverse: normal.inverse(),
+            state,
+            scale,
+            certainty: certainty(scale),
+        })
+    }
+}
+
+/// How much the tone that is expected counts where the noise has this standard deviation.
+fn certainty(scale: f64) -> f64 {
+    (scale / USUAL_TONE).powi(2)
+}
+
+/// A tag's corners among its cells, from its middle.
+fn square(per_side: usize) -> [[f64; 2]; 4] {
+    let half = per_side as f64 / 2.0;
+    [[-half, -half], [half, -half], [half, half], [-half, half]]
+}
+
+/// The corners that a map makes.
+pub(super) fn corners(map: &Projection, per_side: usize) -> [[f64; 2]; 4] {
+    square(per_side).map(|corner| map.map(corner))
+}
+
+/// The corners' covariances `[suu, suv, svv]` for residuals of variance 1.
+pub(super) fn covariances(
+    map: &Projection,
+    per_side: usize,
+    inverse: &SMatrix<f64, UNKNOWNS, UNKNOWNS>,
+) -> [[f64; 3]; 4] {
+    let block = inverse.fixed_view::<8, 8>(0, 0);
+    let corners = corners(map, per_side);
+    let square = square(per_side);
+    [0, 1, 2, 3].map(|k: usize| {
+        let [x, y] = map_slopes(map, square[k], corners[k]);
+        let (to_x, to_y) = (block * x, block * y);
+        [x.dot(&to_x), x.dot(&to_y), y.dot(&to_y)]
+    })
+}
+
 impl WholeTag<'_> {
-    /// Measures the corners, and the blur along its worst direction (px).
-    pub fn fit(&self, picture: &GreyPicture, bender: &Bender<'_>) -> Result<([IdealCorner; 4], f64), Weakness> {
+    /// The tag anew, if the blur that was found is larger than was thought: then less of the margin was free of what lies beyond it.
+    pub fn with_less_margin(&self, corners: &[IdealCorner; 4], seen: f64) -> Option<Self> {
+        (seen > 1.15 * self.blur).then(|| Self { ideal: corners.map(|corner| corner.0), blur: seen, ..*self })
+    }
+
+    /// The fit, to where it stands still.
+    pub fn settle(&self, picture: &GreyPicture, bender: &Bender<'_>) -> Result<Fitted<'_>, Weakness> {
         let marks = self.cells.marks().ok_or(Weakness::TooFewEdges)?;
         let middle = [0, 1].map(|axis: usize| self.ideal.iter().map(|corner| corner[axis]).sum::<f64>() / 4.0);
         let around = |corner: [f64; 2]| [corner[0] - middle[0], corner[1] - middle[1]];
@@ -94,54 +175,22 @@ impl WholeTag<'_> {
         let mut residuals: Vec<Lanes> = Vec::new();
         // Nothing is known of the noise, and every residual is believed.
         let mut scale = f64::INFINITY;
-        let mut last = None;
         for _ in 0..MOST_STEPS {
-            let before = self.corners(&state.map);
+            let before = corners(&state.map, self.cells.per_side);
             let sums = self.model(&marks, &state, scale)?.sums(&pixels, &mut residuals);
             let spread = spread(&residuals, pixels.count);
             let normal = state.step(&sums, spread)?;
             scale = spread;
-            let after = self.corners(&state.map);
+            let after = corners(&state.map, self.cells.per_side);
             let moved = (0..4).map(|k| distance(before[k], after[k])).fold(0.0, f64::max);
             if moved < STILL {
-                last = Some(normal);
-                break;
+                return Ok(Fitted { tag: self, marks, middle, pixels, residuals, state, normal, scale });
             }
             if (0..4).any(|k| distance(after[k], around(self.ideal[k])) > self.reach()) {
                 return Err(Weakness::MovedTooFar);
             }
         }
-        let inverse = last.ok_or(Weakness::NotStraight)?.inverse();
-        let (variance, explained) = judged(&pixels, &residuals, scale);
-        let contrast = if self.bright_inside { -state.light[3] } else { state.light[3] };
-        if contrast.is_nan() || contrast < LEAST_CONTRAST {
-            return Err(Weakness::NoContrast);
-        }
-        if explained.is_nan() || explained < EXPLAINED {
-            return Err(Weakness::NotStraight);
-        }
-        let corners = self.corners(&state.map);
-        let mut found = [([0.0; 2], [0.0; 3]); 4];
-        for (k, corner) in self.square().into_iter().enumerate() {
-            let [x, y] = map_slopes(&state.map, corner, corners[k]);
-            let block = inverse.fixed_view::<8, 8>(0, 0);
-            let product = |a: &SVector<f64, 8>, b: &SVector<f64, 8>| variance * a.dot(&(block * b));
-            let pixel = [corners[k][0] + middle[0], corners[k][1] + middle[1]];
-            found[k] = (pixel, [product(&x, &x), product(&x, &y), product(&y, &y)]);
-        }
-        let [xx, xy, yy] = state.blur;
-        let worst = (xx + yy) / 2.0 + ((xx - yy) / 2.0).hypot(xy);
-        Ok((found, worst.sqrt()))
-    }
-
-    /// The tag's corners among its cells, from its middle.
-    fn square(&self) -> [[f64; 2]; 4] {
-        let half = self.cells.per_side as f64 / 2.0;
-        [[-half, -half], [half, -half], [half, half], [-half, half]]
-    }
-
-    fn corners(&self, map: &Projection) -> [[f64; 2]; 4] {
-        self.square().map(|corner| map.map(corner))
+        Err(Weakness::NotStraight)
     }
 
     /// How far a corner may move, px.
@@ -161,7 +210,7 @@ impl WholeTag<'_> {
         let inverse = inverse(map)?;
         let half = self.cells.per_side as f64 / 2.0;
         let (mut low, mut high) = ([f64::MAX; 2], [f64::MIN; 2]);
-        for corner in self.square() {
+        for corner in square(self.cells.per_side) {
             let [x, y] = map.map(corner.map(|place| place + place.signum()));
             let pixel = bender.distort([x + middle[0], y + middle[1]])?;
             for axis in 0..2 {
@@ -219,7 +268,7 @@ impl State {
     fn step(&mut self, sums: &Sums, scale: f64) -> Result<Normal, Weakness> {
         let mut matrix = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::from_fn(|i, k| sums[i.min(k)][i.max(k)]);
         let mut gradient = SVector::<f64, UNKNOWNS>::from_fn(|i, _| sums[i][UNKNOWNS]);
-        let certainty = (scale / USUAL_TONE).powi(2);
+        let certainty = certainty(scale);
         matrix[(15, 15)] += certainty;
         gradient[15] -= certainty * self.tone;
         // Each unknown in its own unit, and a trace of damping for what the picture does not tell.
@@ -283,37 +332,4 @@ fn inverse(map: &Projection) -> Result<[[f64; 3]; 3], Weakness> {
 
 fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
     (a[0] - b[0]).hypot(a[1] - b[1])
-}
-
-/// A robust standard deviation; at least half a grey level. Of very many residuals every second, every third ... eight are enough.
-fn spread(residuals: &[Lanes], count: usize) -> f64 {
-    let every = (count / MOST_SPREAD).max(1);
-    let mut sizes: Vec<f32> =
-        residuals.iter().take(count / LANES).step_by(every).flatten().map(|residual| residual.abs()).collect();
-    let middle = sizes.len() / 2;
-    f64::from(1.4826 * *sizes.select_nth_unstable_by(middle, f32::total_cmp).1).max(0.5)
-}
-
-/// The variance that the inverse of the normal matrix is to be multiplied by, and the part of the picture that is explained.
-///
-/// Residuals of neighbours are alike where the model is not quite right, and what is alike is not averaged away: the variance is that of a first-order
-/// autoregressive process in both directions.
-fn judged(pixels: &Pixels, residuals: &[Lanes], scale: f64) -> (f64, f64) {
-    let count = pixels.count as f64;
-    let believed: Vec<f64> = residuals
-        .iter()
-        .flatten()
-        .take(pixels.count)
-        .map(|residual| f64::from(*residual).clamp(-BELIEVED * scale, BELIEVED * scale))
-        .collect();
-    let squares: f64 = believed.iter().map(|residual| residual * residual).sum();
-    let mean = pixels.values().sum::<f64>() / count;
-    let all: f64 = pixels.values().map(|value| (value - mean).powi(2)).sum();
-    let variance = squares / (count - UNKNOWNS as f64).max(1.0);
-    let widened = |product: f64| {
-        let correlation = (product / (squares / count)).clamp(0.0, 0.9);
-        (1.0 + correlation) / (1.0 - correlation)
-    };
-    let [beside, below] = pixels.alike(&believed);
-    (variance * widened(beside) * widened(below), 1.0 - squares / all)
 }

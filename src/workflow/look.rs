@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-use super::neighbour::Neighbour;
+use super::neighbour::{Neighbour, Shown};
 use super::predict::Prediction;
 use crate::detect::drawing::draw_to;
 use crate::detect::{Corner, Detector, GreyPicture, Lens, Pattern};
@@ -44,24 +44,24 @@ pub(super) struct Looking<'a> {
     pub search_all: bool,
 }
 
-/// What is known after a look: what the journal keeps, and the picture with its corners if it could be used.
-type Looked = (Done, Option<(GreyPicture, Vec<Corner>)>);
+/// What is known after a look: what the journal keeps, and what the picture shows if it could be used.
+type Looked = (Done, Option<Shown>);
 
 impl Looking<'_> {
     /// Looks at some of the pictures, which are sorted by camera, configuration and shot as `all` are. Results are in the same order.
     pub fn at(&self, some: &[Taken<'_>], all: &[Taken<'_>]) -> Vec<Done> {
         let groups: Vec<&[Taken<'_>]> = some.chunk_by(|a, b| key(a) == key(b)).collect();
-        let begun: Vec<(Vec<Done>, Option<Neighbour>)> =
-            groups.par_iter().map(|group| self.begin(group, all)).collect();
-        let rest: Vec<Vec<Done>> = groups
+        // Groups side by side and the pictures of each too: a thread that has none of its own left takes some of another's.
+        let looked: Vec<Vec<Done>> = groups
             .par_iter()
-            .zip(&begun)
-            .map(|(group, (done, neighbour))| {
+            .map(|group| {
+                let (mut done, neighbour) = self.begin(group, all);
                 let rest = group.get(done.len()..).unwrap_or(&[]);
-                rest.par_iter().map(|taken| self.look(taken, neighbour.as_ref()).0).collect()
+                done.par_extend(rest.par_iter().map(|taken| self.look(taken, neighbour.as_ref(), false).0));
+                done
             })
             .collect();
-        begun.into_iter().zip(rest).flat_map(|((done, _), rest)| done.into_iter().chain(rest)).collect()
+        looked.into_iter().flatten().collect()
     }
 
     /// Looks at those of some pictures of one configuration that are its first two, and says what they mean for the others.
@@ -75,11 +75,11 @@ impl Looking<'_> {
         let (mut done, mut seen) = (Vec::new(), Vec::new());
         for first in firsts {
             if needed || own(first) {
-                let (one, picture) = self.look(first, None);
+                let (one, shown) = self.look(first, None, needed);
                 if own(first) {
                     done.push(one);
                 }
-                seen.extend(picture);
+                seen.extend(shown);
             }
         }
         let neighbour = match seen.as_slice() {
@@ -89,7 +89,8 @@ impl Looking<'_> {
         (done, neighbour)
     }
 
-    fn look(&self, (camera, file): &Taken<'_>, neighbour: Option<&Neighbour>) -> Looked {
+    /// Looks at a picture. With `keep` for what it says of others that show the same.
+    fn look(&self, (camera, file): &Taken<'_>, neighbour: Option<&Neighbour>, keep: bool) -> Looked {
         let mut done = Done {
             camera: *camera,
             configuration: file.configuration,
@@ -98,11 +99,11 @@ impl Looking<'_> {
             corners: Vec::new(),
             failure: None,
         };
-        match self.corners(*camera, file, neighbour) {
-            Ok((picture, corners)) => {
+        match self.shown(*camera, file, neighbour, keep) {
+            Ok(shown) => {
                 let plain = |c: &Corner| (c.pattern, c.tag, c.corner, c.pixel, c.covariance);
-                done.corners = corners.iter().map(plain).collect();
-                (done, Some((picture, corners)))
+                done.corners = shown.corners.iter().map(plain).collect();
+                (done, Some(shown))
             }
             Err(reason) => {
                 done.failure = Some(reason);
@@ -111,30 +112,37 @@ impl Looking<'_> {
         }
     }
 
-    fn corners(
+    fn shown(
         &self,
         camera: usize,
         file: &PictureFile,
         neighbour: Option<&Neighbour>,
-    ) -> Result<(GreyPicture, Vec<Corner>), String> {
+        keep: bool,
+    ) -> Result<Shown, String> {
         let intrinsics = self.layout.cameras[camera].intrinsics.as_ref();
         let picture = GreyPicture::read(&file.path, intrinsics.map(Intrinsics::size)).map_err(|e| e.to_string())?;
         let lens = intrinsics.map(|i| i as &dyn Lens);
-        let corners = if let Some(expected) = neighbour.and_then(|neighbour| neighbour.expected_in(&picture)) {
-            self.detector.detect_expected(&picture, lens, self.wanted, expected)
-        } else if let Some(prediction) = self.prediction {
-            let expected = prediction.of(self.layout, camera, file.configuration);
-            self.detector.detect_expected(&picture, lens, self.wanted, &expected)
-        } else {
-            self.detector.detect(&picture, lens, self.wanted)
+        let predicted;
+        let expected = match neighbour.and_then(|neighbour| neighbour.expected_in(&picture)) {
+            Some(expected) => expected,
+            None => {
+                let of = |prediction: &Prediction| prediction.of(self.layout, camera, file.configuration);
+                predicted = self.prediction.map(of).unwrap_or_default();
+                &predicted
+            }
         };
-        let corners = corners.map_err(|e| e.to_string())?;
+        let (corners, known) = if keep {
+            self.detector.detect_known(&picture, lens, self.wanted, expected)
+        } else {
+            self.detector.detect_expected(&picture, lens, self.wanted, expected).map(|corners| (corners, Vec::new()))
+        }
+        .map_err(|e| e.to_string())?;
         if let Some(folder) = self.draw {
             let name = &self.layout.cameras[camera].name;
             let drawing = folder.join(format!("{name}_{:04}_{:02}.png", file.configuration, file.shot));
             draw_to(&drawing, &picture, &corners).map_err(|e| e.to_string())?;
         }
-        Ok((picture, corners))
+        Ok(Shown { picture, corners, known })
     }
 }
 

@@ -3,7 +3,18 @@
 use std::collections::BTreeMap;
 
 use crate::detect::native::Sight;
-use crate::detect::{Corner, Expected, ExpectedTag, GreyPicture, Pattern};
+use crate::detect::{Corner, Expected, ExpectedTag, GreyPicture, KnownTag, Pattern};
+
+/// A picture that was looked at.
+#[derive(Debug)]
+pub struct Shown {
+    /// Itself.
+    pub picture: GreyPicture,
+    /// What was found in it.
+    pub corners: Vec<Corner>,
+    /// Of which tags it says more than that.
+    pub known: Vec<KnownTag>,
+}
 
 /// What a camera's first two pictures at a configuration show.
 #[derive(Debug)]
@@ -19,17 +30,17 @@ impl Neighbour {
     /// `None` if they say nothing of other pictures: where the two do not show the same, something else than tags is looked for, or a tag was measured
     /// at all four corners in neither, so that another picture may show more of it.
     #[must_use]
-    pub fn of([first, second]: [&(GreyPicture, Vec<Corner>); 2], wanted: &[Pattern]) -> Option<Self> {
+    pub fn of([first, second]: [&Shown; 2], wanted: &[Pattern]) -> Option<Self> {
         if !wanted.iter().all(|pattern| matches!(pattern, Pattern::Tags { .. })) {
             return None;
         }
-        let sight = Sight::of(&first.0);
-        if !sight.is_of(&second.0) {
+        let sight = Sight::of(&first.picture);
+        if !sight.is_of(&second.picture) {
             return None;
         }
         let mut tags = BTreeMap::new();
-        for corners in [&second.1, &first.1] {
-            for four in corners.chunk_by(|a, b| (a.pattern, a.tag) == (b.pattern, b.tag)) {
+        for shown in [second, first] {
+            for four in shown.corners.chunk_by(|a, b| (a.pattern, a.tag) == (b.pattern, b.tag)) {
                 let tag = four.first()?;
                 let (Pattern::Tags { dictionary, .. }, Some(id)) = (wanted.get(tag.pattern)?, tag.tag) else {
                     return None;
@@ -37,12 +48,15 @@ impl Neighbour {
                 let known = tags.entry((tag.pattern, id)).or_insert(None);
                 if let [a, b, c, d] = four {
                     let corners = [a.pixel, b.pixel, c.pixel, d.pixel];
-                    *known = Some(ExpectedTag { dictionary: *dictionary, id, corners });
+                    let fit = shown.known.iter().find(|fit| (fit.tag().dictionary, fit.tag().id) == (*dictionary, id));
+                    *known = Some((ExpectedTag { dictionary: *dictionary, id, corners }, fit));
                 }
             }
         }
-        let tags = tags.into_values().collect::<Option<Vec<ExpectedTag>>>()?;
-        Some(Self { sight, expected: Expected { tags, all: true } })
+        let tags = tags.into_values().collect::<Option<Vec<(ExpectedTag, Option<&KnownTag>)>>>()?;
+        let known = tags.iter().filter_map(|(_, fit)| fit.cloned()).collect();
+        let tags = tags.into_iter().map(|(tag, _)| tag).collect();
+        Some(Self { sight, expected: Expected { tags, known, all: true } })
     }
 
     /// What must be in another picture; `None` if it does not show the same.

@@ -59,6 +59,6 @@ impl Prediction {
             })
         };
         let all = layout.targets.iter().filter(|target| target.pattern.is_some()).all(|target| known(&target.name));
-        Expected { tags: tags.collect(), all }
+        Expected { tags: tags.collect(), all, ..Expected::default() }
     }
 }

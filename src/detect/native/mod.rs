@@ -25,7 +25,7 @@ mod tiles;
 use super::checkerboard;
 use super::patterns::{Finder, FoundTag, detect_with};
 use super::picture::GreyPicture;
-use super::{Corner, DetectError, Detector, Dictionary, Expected, ExpectedTag, Lens, Pattern};
+use super::{Corner, DetectError, Detector, Dictionary, Expected, ExpectedTag, KnownTag, Lens, Pattern};
 use codebook::Codebook;
 use components::Wanted;
 pub use sight::Sight;
@@ -169,7 +169,7 @@ impl Detector for NativeDetector {
         lens: Option<&dyn Lens>,
         wanted: &[Pattern],
     ) -> Result<Vec<Corner>, DetectError> {
-        detect_with(self, picture, lens, wanted)
+        detect_with(self, picture, lens, wanted, &[], None)
     }
 
     fn detect_expected(
@@ -179,6 +179,19 @@ impl Detector for NativeDetector {
         wanted: &[Pattern],
         expected: &Expected,
     ) -> Result<Vec<Corner>, DetectError> {
-        detect_with(&Told { detector: self, expected }, picture, lens, wanted)
+        detect_with(&Told { detector: self, expected }, picture, lens, wanted, &expected.known, None)
+    }
+
+    fn detect_known(
+        &self,
+        picture: &GreyPicture,
+        lens: Option<&dyn Lens>,
+        wanted: &[Pattern],
+        expected: &Expected,
+    ) -> Result<(Vec<Corner>, Vec<KnownTag>), DetectError> {
+        let mut keep = Vec::new();
+        let finder = Told { detector: self, expected };
+        let corners = detect_with(&finder, picture, lens, wanted, &expected.known, Some(&mut keep))?;
+        Ok((corners, keep))
     }
 }

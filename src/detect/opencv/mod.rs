@@ -147,7 +147,7 @@ impl Detector for OpenCvDetector {
         lens: Option<&dyn Lens>,
         wanted: &[Pattern],
     ) -> Result<Vec<Corner>, DetectError> {
-        detect_with(self, picture, lens, wanted)
+        detect_with(self, picture, lens, wanted, &[], None)
     }
 }
 
