@@ -93,7 +93,11 @@ pub(super) struct Held {
 
 impl Corners {
     /// Corners in order, by numbers of `names`.
-    pub(super) fn new(names: Arc<Names>, held: Held) -> Self {
+    pub(super) fn new(names: Arc<Names>, mut held: Held) -> Self {
+        held.appearances.shrink_to_fit();
+        held.marks.shrink_to_fit();
+        held.pixels.shrink_to_fit();
+        held.covariances.shrink_to_fit();
         Self { names, held: Arc::new(held) }
     }
 
