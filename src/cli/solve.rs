@@ -34,13 +34,13 @@ pub(super) struct Solve {
     /// Start from the poses of this layout or solution
     #[arg(long, value_name = "FILE")]
     start: Option<PathBuf>,
-    /// Also give the pose of B in A with its uncertainty; may be repeated
+    /// Also the pose of B in A and its sigmas; repeatable
     #[arg(long, num_args = 2, value_names = ["A", "B"])]
     between: Vec<String>,
-    /// The configuration for `--between` where something moves [default: the first]
+    /// Configuration for `--between` [default: the first]
     #[arg(long, value_name = "N", requires = "between")]
     at: Option<u64>,
-    /// Also write the full covariance of everything found (JSON)
+    /// Also the covariance of everything found (JSON)
     #[arg(long, value_name = "FILE")]
     covariance: Option<PathBuf>,
     /// Also write a report with figures (HTML)
@@ -49,7 +49,7 @@ pub(super) struct Solve {
     /// Equations: auto, dense or sparse [default: auto]
     #[arg(long, value_name = "HOW", value_enum, hide_possible_values = true)]
     solver: Option<How>,
-    /// Memory that the solve may take, such as 500M or 2G; corners that do not fit are read again and again in pieces [default: no limit]
+    /// Memory for the solve, such as 500M or 2G [default: no limit]
     #[arg(long, value_name = "SIZE", value_parser = memory::bytes)]
     memory: Option<u64>,
     /// Worker threads [default: one a core]; the result has the same bits for any number
