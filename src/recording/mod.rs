@@ -29,6 +29,7 @@ use crate::layout::{Layout, Motion};
 pub use chunks::Wanted;
 pub use corners::{Appearance, CornerRow, Corners};
 pub use detections::{read_detections, write_detections, write_exact_detections};
+pub use evenly::Evenly;
 pub use index::{CornerIndex, Pair};
 pub use motion::{FlangePoses, JointValues, read_flange_poses, read_joints};
 pub use names::Names;

@@ -13,10 +13,10 @@ use crate::solve::{Assembler, Normal, Plan, State};
 /// Bytes of the terms that are held at once.
 const HELD: usize = 8 << 20;
 /// Terms held at once all the same.
-const FEWEST: usize = 16;
+const FEWEST: usize = 4;
 
 /// Bytes of terms that are kept rather than formed twice.
-pub const KEPT: usize = 64 << 20;
+const KEPT: usize = 64 << 20;
 
 /// The covariance at a state, as [`covariance()`] has it, from an assembler without beliefs; `noise` tells the noise from the sum of the squared whitened twists of
 /// robots that stop inexactly. Terms that would take much memory are formed twice: each group's gradient needs the covariance of all.

@@ -5,19 +5,20 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use crate::complaint::{Complaint, InputError};
-use crate::frames::FrameTree;
-use crate::layout::{Layout, Motion, plain};
-use crate::recording::CornerIndex;
-use crate::trust::pieces::KEPT as KEPT_TERMS;
+use crate::frames::{FrameTree, Step};
+use crate::layout::{Layout, Motion, Robot, plain};
+use crate::recording::{CornerIndex, Evenly, Pair};
 
-/// Bytes of the program itself, before there is any measurement.
-const PROGRAM: u64 = 24_000_000;
-/// Bytes a corner that a whole solve holds at its peak, and some to spare: 125 with fixed lenses, 270 with free ones (`benches/results/memory.md`).
-const WHOLE: u64 = 360;
+/// Bytes of the program itself and of what it holds for a moment, before there is any measurement.
+const PROGRAM: u64 = 30_000_000;
+/// Bytes a corner that a whole solve holds at its peak, the matrices of [`of_configuration`] beside them (`benches/results/memory.md`).
+const WHOLE: u64 = 100;
 /// Bytes a corner that stay of it while the passes are made.
-const KEPT: u64 = 240;
+const KEPT: u64 = 70;
 /// Bytes a corner of a chunk that a pass holds at its peak.
-const CHUNK: u64 = 420;
+const CHUNK: u64 = 320;
+/// Bytes a corner that no cell comes to, so that nothing needs to be looked at.
+const PLENTY: u64 = 5000;
 /// Bytes that each byte of a file becomes which is read in vain.
 const IN_VAIN: u64 = 4;
 /// Bytes of a configuration's count, and of each robot's values there.
@@ -26,24 +27,24 @@ const VALUES: u64 = 130;
 /// Bytes of a measured pose, point or contact.
 const OTHER: u64 = 500;
 /// Square matrices of all unknowns that are held at once.
-const MATRICES: u64 = 10;
+const MATRICES: u64 = 16;
 /// Bytes for what is left of the recording at least, or there is nothing to begin with.
 const LEAST: u64 = 16_000_000;
 /// Configurations at which whoever sees something is looked at in the part that is solved first, if there are as many.
 const SEEN: usize = 20;
 
-/// Whether corners of these files fit into the memory with everything that a solve holds beside them.
+/// Whether the corners of these files fit into the memory whatever the cell is.
 ///
 /// # Errors
 /// A file that cannot be read.
-pub(super) fn fits(memory: u64, files: &[PathBuf]) -> Result<bool, InputError> {
+pub(super) fn is_plenty(memory: u64, files: &[PathBuf]) -> Result<bool, InputError> {
     let mut need = PROGRAM;
     for path in files {
         let (bytes, of_line) = measure(path).map_err(|e| {
             let remedy = "paths are relative to the recording's folder, by default the layout's own";
             Complaint::of(path, format!("the file cannot be read: {}", plain(&e)), remedy)
         })?;
-        need += bytes / of_line * WHOLE;
+        need += bytes / of_line * PLENTY;
     }
     Ok(need <= memory)
 }
@@ -74,7 +75,7 @@ pub(super) struct Shares {
     pub(super) chunk: usize,
 }
 
-/// Shares a recording out so that all that is held at once fits into the memory.
+/// Shares a recording out so that all that is held at once fits into the memory; none if it fits as it is.
 ///
 /// # Errors
 /// Memory that nothing useful fits into.
@@ -84,8 +85,10 @@ pub(super) fn shares(
     tree: &FrameTree,
     index: &CornerIndex,
     others: usize,
-) -> Result<Shares, InputError> {
+) -> Result<Option<Shares>, InputError> {
     let unknowns = unknowns(layout, tree);
+    let apiece = of_configuration(layout, tree, index, unknowns);
+    let need_of = |corners: u64, configurations: usize| corners * WHOLE + configurations as u64 * apiece;
     let fixed = PROGRAM
         + index.configurations.len() as u64 * (CONFIGURATION + VALUES * layout.robots.len() as u64)
         + others as u64 * OTHER
@@ -97,23 +100,48 @@ pub(super) fn shares(
         let remedy = format!("give at least `--memory {}`", words(need.div_ceil(1_000_000) * 1_000_000));
         InputError::from(Complaint::of(&layout.file, what, remedy))
     };
-    // Of what is left the first solve takes all, and leaves a third to the chunks.
-    let need = fixed + LEAST.max(2 * SEEN as u64 * widest * WHOLE).max(4 * CHUNK * widest);
+    if fixed + need_of(index.corners() as u64, index.configurations.len()) <= memory {
+        return Ok(None);
+    }
+    let few = need_of(2 * SEEN as u64 * widest, 2 * SEEN);
+    let need = fixed + LEAST.max(few).max(4 * CHUNK * widest);
     let room = memory.checked_sub(fixed).filter(|_| memory >= need).ok_or_else(|| too_little(need))?;
-    let mut stride = (index.corners() as u64).div_ceil(room / WHOLE).max(2);
+    let mut stride = 2;
     loop {
         let first = first(index, stride);
         let corners: u64 = first.iter().map(|c| u64::from(index.configurations[c])).sum();
-        let terms = (first.len() as u64 * 8 * unknowns * unknowns).min(KEPT_TERMS as u64);
-        if corners * WHOLE + terms <= room {
-            let chunk = ((room - corners * KEPT) / CHUNK) as usize;
-            return Ok(Shares { stride, first, chunk });
+        let need = need_of(corners, first.len());
+        // The first solve may take all that is left; what stays of it leaves enough for chunks.
+        if need <= room && 2 * KEPT * corners <= room {
+            let chunk = ((room - KEPT * corners) / CHUNK) as usize;
+            return Ok(Some(Shares { stride, first, chunk }));
         }
         if stride > index.configurations.len() as u64 {
-            return Err(too_little(fixed + corners * WHOLE + terms));
+            return Err(too_little(fixed + need.max(2 * KEPT * corners)));
         }
         stride += stride.div_ceil(8);
     }
+}
+
+/// Bytes that judging an answer holds of each configuration: a matrix of all that is unknown along its paths, with factors on the distances of what is seen.
+fn of_configuration(layout: &Layout, tree: &FrameTree, index: &CornerIndex, unknowns: u64) -> u64 {
+    let columns = |&(from, to): &Pair| -> u64 {
+        let of_step = |step: &Step| match *step {
+            Step::Static { edge, .. } => tree.static_edges[edge].freedom.count(),
+            Step::Moving { .. } => 0,
+            Step::Robot { robot, .. } => links(&layout.robots[robot]),
+        };
+        let steps: usize = tree.path(from, to).steps.iter().map(of_step).sum();
+        let lens =
+            tree.cameras.iter().position(|camera| *camera == from).map(|camera| layout.cameras[camera].refine.len());
+        (steps + lens.unwrap_or(0)) as u64
+    };
+    let times = |seen: &Evenly| seen.count();
+    let pairs: u64 = index.seen.values().map(times).sum();
+    let touched: u64 = index.seen.iter().map(|(pair, seen)| columns(pair) * times(seen)).sum();
+    let all = (index.configurations.len() as u64).max(1);
+    let wide = unknowns.min(touched.div_ceil(all)) + 1 + 2 * pairs.div_ceil(all);
+    8 * wide * wide
 }
 
 /// One of each so many neighbouring configurations, and more of those at which something is seen that is seen seldom. Which one is drawn by lot, always the
@@ -141,11 +169,16 @@ fn lot(place: u64) -> u64 {
 fn unknowns(layout: &Layout, tree: &FrameTree) -> u64 {
     let poses: usize = tree.static_edges.iter().map(|edge| edge.freedom.count()).sum();
     let lenses: usize = layout.cameras.iter().map(|camera| camera.refine.len()).sum();
-    let links = layout.robots.iter().map(|robot| match &robot.motion {
+    let links: usize = layout.robots.iter().map(links).sum();
+    (poses + lenses + links) as u64
+}
+
+/// Unknown link parameters of a robot.
+fn links(robot: &Robot) -> usize {
+    match &robot.motion {
         Motion::Joints { chain, .. } => chain.joint_count() * robot.identify.len(),
         Motion::FlangePoses { .. } => 0,
-    });
-    (poses + lenses + links.sum::<usize>()) as u64
+    }
 }
 
 /// A size as it is given: `500M`, `1.5G`. In thousands, as the makers of memory count.

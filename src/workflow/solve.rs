@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use super::diagnose::diagnose;
 use super::follow::{follow_scale, follow_up};
-use super::memory::fits;
+use super::memory::is_plenty;
 use super::refusals::{in_pieces, no_motion};
 use super::robust::robust_search;
 use super::streamed::{Streamed, solve_streamed};
@@ -200,9 +200,10 @@ impl Solved {
 pub fn solve(mut layout: Layout, request: &SolveRequest) -> Result<Solved, InputError> {
     let began = Instant::now();
     if let Some(memory) = request.memory
-        && !fits(memory, &Recording::corner_files(&layout, request.detections.as_deref())?)?
+        && !is_plenty(memory, &Recording::corner_files(&layout, request.detections.as_deref())?)?
+        && let Some(solved) = solve_streamed(&layout, request, memory, began)?
     {
-        return solve_streamed(layout, request, memory, began);
+        return Ok(solved);
     }
     layout.solve.solver = request.solver;
     let recording = Recording::read(&layout, request.detections.as_deref())?;

@@ -66,19 +66,19 @@ struct Sums {
     gathering: Option<Gathering>,
 }
 
-/// As [`super::solve::solve`], in so much memory.
+/// As [`super::solve::solve`], in so much memory; none if everything fits into it as it is.
 ///
 /// # Errors
 /// As there; what cannot be solved in pieces; a file that changes meanwhile.
 pub(super) fn solve_streamed(
-    mut layout: Layout,
+    layout: &Layout,
     request: &SolveRequest,
     memory: u64,
     began: Instant,
-) -> Result<Solved, InputError> {
-    let tree = FrameTree::new(&layout);
-    refuse(&layout, request, memory)?;
+) -> Result<Option<Solved>, InputError> {
+    let mut layout = layout.clone();
     layout.solve.solver = SolverChoice::Dense;
+    let tree = FrameTree::new(&layout);
     let start = request.start.as_ref().map_or(Ok(Vec::new()), |file| start_poses(file, &layout.world))?;
     let mut whole = Recording::read_motion(&layout)?;
     let files = Recording::corner_files(&layout, request.detections.as_deref())?;
@@ -89,7 +89,11 @@ pub(super) fn solve_streamed(
     note_others(&layout, &tree, &whole, &mut index);
     let others = whole.poses.len() + whole.points.len() + whole.contacts.len();
     let inputs = hashes(&layout, &whole, request.start.as_ref())?;
-    let Shares { stride, first, chunk } = shares(memory, &layout, &tree, &index, others)?;
+    let shares = shares(memory, &layout, &tree, &index, others);
+    if !matches!(shares, Ok(None)) {
+        refuse(&layout, request, memory)?;
+    }
+    let Some(Shares { stride, first, chunk }) = shares? else { return Ok(None) };
     let chunks = index.chunks(chunk);
     let wanted = |configuration: u64| first.binary_search(&configuration).is_ok();
     let mut part = others_of(&whole, &wanted);
@@ -114,7 +118,7 @@ pub(super) fn solve_streamed(
     solved.seconds.read += read;
     solved.seconds.total = began.elapsed().as_secs_f64();
     solved.streamed = Some(Box::new(streamed));
-    Ok(solved)
+    Ok(Some(solved))
 }
 
 /// What cannot be solved in pieces.
