@@ -107,6 +107,20 @@ fn clutter_is_no_tag() {
     }
 }
 
+/// Dark boxes with a label, as a few tags are.
+#[test]
+fn a_box_with_a_label_is_no_tag() {
+    for (dictionary, seeds) in
+        [(Dictionary::Aruco4x4_50, &[619][..]), (Dictionary::ArucoOriginal, &[58, 175, 360, 515, 942])]
+    {
+        for seed in seeds {
+            let (picture, _) = Scene { dictionary, tags: 0, clutter: true, ..USUAL }.render(*seed, None);
+            let found = NativeDetector::new().find_tags(&picture, &[dictionary]).remove(0);
+            assert!(found.is_empty(), "{dictionary}, picture {seed}: {found:?}");
+        }
+    }
+}
+
 #[test]
 fn inverted_tags_are_found_only_if_wanted() {
     let (picture, truth) = Scene { inverted: true, ..USUAL }.render(0, None);

@@ -23,6 +23,8 @@ pub(super) struct Codebook {
     pub bright_inside: bool,
     /// How many wrong cells are mended: what the dictionary's distance allows, and less where chance would make tags of clutter.
     pub most_wrong: u32,
+    /// Tags whose bright cells are one rectangle: any dark box with a label looks like one.
+    plain: Vec<u32>,
     codes: Vec<u64>,
     exact: HashMap<u64, u32>,
 }
@@ -49,7 +51,15 @@ impl Codebook {
         let exact = codes.iter().zip(0..).map(|(code, id)| (*code, id)).collect();
         let bits = data_cells(side, edge).count() as u32;
         let most_wrong = believable(bits, codes.len(), dictionary.correctable_cells());
-        Self { edge, side, bright_inside: dictionary.data_around_border(), most_wrong, codes, exact }
+        let plain = (0..dictionary.tag_count())
+            .filter(|id| dictionary.cells(*id).is_some_and(|cells| is_rectangle(side, &cells)))
+            .collect();
+        Self { edge, side, bright_inside: dictionary.data_around_border(), most_wrong, plain, codes, exact }
+    }
+
+    /// Whether a tag's bright cells are one rectangle.
+    pub fn is_plain(&self, id: u32) -> bool {
+        self.plain.contains(&id)
     }
 
     /// Number of data cells.
@@ -115,6 +125,16 @@ fn believable(bits: u32, codes: usize, limit: u32) -> u32 {
     most
 }
 
+/// Whether the bright cells are all that a rectangle holds.
+fn is_rectangle(side: usize, cells: &[bool]) -> bool {
+    let bright = || cells.iter().enumerate().filter(|(_, bright)| **bright).map(|(k, _)| [k / side, k % side]);
+    let extent = |axis: usize| {
+        let (least, most) = bright().fold((side, 0), |(low, high), at| (at[axis].min(low), at[axis].max(high)));
+        (most + 1).saturating_sub(least)
+    };
+    bright().count() == extent(0) * extent(1)
+}
+
 /// The places of the data cells, row by row: all but the ring inside the edge and, where data lies around it, the ring outside.
 fn data_cells(side: usize, edge: usize) -> impl Iterator<Item = usize> {
     let around = (side - edge) / 2;
@@ -143,6 +163,20 @@ mod tests {
                 if dictionary == Dictionary::ArucoOriginal { vec![1023] } else { vec![] },
                 "{dictionary}"
             );
+        }
+    }
+
+    #[test]
+    fn few_tags_look_like_a_box_with_a_label() {
+        for dictionary in Dictionary::all() {
+            let book = Codebook::of(dictionary);
+            let plain: Vec<u32> = (0..dictionary.tag_count()).filter(|id| book.is_plain(*id)).collect();
+            let expected = match dictionary.cells_per_side() {
+                6 if !dictionary.data_around_border() && book.codes.len() >= 50 => vec![17],
+                _ if dictionary == Dictionary::ArucoOriginal => vec![0, 1023],
+                _ => vec![],
+            };
+            assert_eq!(plain, expected, "{dictionary}");
         }
     }
 

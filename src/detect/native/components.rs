@@ -12,10 +12,8 @@ use pulp::{Arch, Simd, WithSimd};
 use super::tiles::{TILE, Tiles};
 use crate::detect::picture::GreyPicture;
 
-/// A patch that is longer than this many px in one direction, and
+/// A patch that is longer than this many px in one direction may be a tag, if in neither it is smaller than its cells can be seen.
 const LEAST_LONG: u32 = 8;
-/// this many in the other, may be a tag.
-const LEAST_SHORT: u32 = 4;
 
 /// Dark or bright pixels beside each other on one row: `start..end`.
 #[derive(Debug, Clone, Copy)]
@@ -139,7 +137,7 @@ impl Runs {
     }
 
     /// Keeps the patches that may be tags.
-    fn patches(&mut self, width: u32) -> Patches {
+    fn patches(&mut self, width: u32, shortest: u32) -> Patches {
         const NONE: u32 = u32::MAX;
         let height = self.rows.len() as u32 - 1;
         let mut found = Patches::default();
@@ -157,7 +155,7 @@ impl Runs {
             // A closed border has at least twice the pixels of its box's two sides, less what slant takes away.
             let kept = whole
                 && across.max(down) >= LEAST_LONG
-                && across.min(down) >= LEAST_SHORT
+                && across.min(down) >= shortest
                 && u64::from(label.area) * 4 >= u64::from(across + down) * 5;
             places.push(if kept { total + (height - label.top) } else { NONE });
             if kept {
@@ -220,13 +218,15 @@ thread_local! {
 pub(super) fn patches(picture: &GreyPicture, tiles: &Tiles, wanted: Wanted) -> [Patches; 2] {
     MEMORY.with_borrow_mut(|[dark, bright]| {
         match wanted {
-            Wanted { dark: true, bright: true } => collect::<true, true>(picture, tiles, dark, bright),
-            Wanted { dark: true, bright: false } => collect::<true, false>(picture, tiles, dark, bright),
-            Wanted { dark: false, bright: true } => collect::<false, true>(picture, tiles, dark, bright),
-            Wanted { dark: false, bright: false } => return [Patches::default(), Patches::default()],
+            Wanted { dark: true, bright: true, .. } => collect::<true, true>(picture, tiles, dark, bright),
+            Wanted { dark: true, bright: false, .. } => collect::<true, false>(picture, tiles, dark, bright),
+            Wanted { dark: false, bright: true, .. } => collect::<false, true>(picture, tiles, dark, bright),
+            Wanted { dark: false, bright: false, .. } => return [Patches::default(), Patches::default()],
         }
         let width = picture.width() as u32;
-        let found = [dark.patches(width), bright.patches(width)];
+        // A pixel a cell, and half a pixel may be lost on either side.
+        let shortest = (wanted.fewest_cells as u32).saturating_sub(1);
+        let found = [dark.patches(width, shortest), bright.patches(width, shortest)];
         for runs in [dark, bright] {
             // A giant picture's memory is not kept.
             runs.runs.shrink_to(1 << 18);
@@ -241,6 +241,8 @@ pub(super) fn patches(picture: &GreyPicture, tiles: &Tiles, wanted: Wanted) -> [
 pub(super) struct Wanted {
     pub dark: bool,
     pub bright: bool,
+    /// Cells along the edge of the tags, at least.
+    pub fewest_cells: usize,
 }
 
 fn collect<const DARK: bool, const BRIGHT: bool>(

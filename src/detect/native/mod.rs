@@ -59,12 +59,16 @@ impl NativeDetector {
         let tiles = tiles::tiles(picture);
         let looked_for = |book: &Codebook, bright: bool| self.inverted || book.bright_inside == bright;
         let [dark, bright] = [false, true].map(|bright| books.iter().any(|book| looked_for(book, bright)));
-        let [dark, bright] = components::patches(picture, &tiles, Wanted { dark, bright });
+        let fewest_cells = books.iter().map(|book| book.edge).min().unwrap_or(0);
+        let [dark, bright] = components::patches(picture, &tiles, Wanted { dark, bright, fewest_cells });
         let mut hull = Vec::new();
         let mut reader = reading::Reader::default();
         for (patches, bright_inside) in [(dark, false), (bright, true)] {
             for patch in patches.iter() {
                 let Some(quad) = outline::quadrangle(&patch, &mut hull) else { continue };
+                if !reading::large_enough(&quad, fewest_cells) {
+                    continue;
+                }
                 let Some(quad) = outline::settle(picture, quad, bright_inside) else { continue };
                 for (book, found) in books.iter().zip(&mut found).filter(|(book, _)| looked_for(book, bright_inside)) {
                     if let Some(read) = reader.read(picture, quad, bright_inside, book) {

@@ -215,6 +215,10 @@ fn side_line(
     let mut points = [[0.0; 2]; PLACES];
     let mut found = 0;
     for place in 0..places {
+        // A quarter of a side may be hidden or spoilt.
+        if (place - found) * 4 > places {
+            return None;
+        }
         let u = length * (0.1 + 0.8 * (place as f64 + 0.5) / places as f64);
         let mut x = fixed(start[0] + u * along[0] - gate * outward[0]);
         let mut y = fixed(start[1] + u * along[1] - gate * outward[1]);
@@ -254,7 +258,6 @@ fn side_line(
             found += 1;
         }
     }
-    // A quarter of a side may be hidden or spoilt.
     if found * 4 < places * 3 {
         return None;
     }

@@ -18,6 +18,12 @@ const LEAST_CONTRAST: f64 = 14.0;
 const SHARPENED_BELOW: f64 = 3.5;
 /// From this size on (px) cells are even to near their corners.
 const EVEN_FROM: f64 = 3.5;
+/// The rim of a cell (px) that blur takes away.
+const CELL_RIM: f64 = 0.56;
+/// Below this size of its cells (px) nothing tells a tag that looks like a box with a label from such a box.
+const PLAIN_FROM: f64 = 2.0;
+/// Cells smaller than this (px) are not seen one by one.
+const SMALLEST_CELL: f64 = 1.0;
 
 /// A tag that was read.
 #[derive(Debug, Clone, Copy)]
@@ -94,9 +100,17 @@ impl Reader {
             other => other,
         };
         let (id, turns, _) = found?;
-        // A dark box with a white label is a tag of a small dictionary, but for where its edges lie.
-        if bits < 25 && size >= EVEN_FROM && !self.even(picture, &map, &shades, side, rim, book, bright) {
+        // A dark box with a white label is a tag of a small dictionary, but for where its edges lie. Some tags look like nothing else.
+        let plain = book.is_plain(id);
+        if plain && size < PLAIN_FROM {
             return None;
+        }
+        if plain || (bits < 25 && size >= EVEN_FROM) {
+            let reach = (0.5 - CELL_RIM / size).min(0.34);
+            let [wrong, all] = self.uneven(picture, &map, &shades, side, rim, book, bright, reach);
+            if wrong * if plain { 100 } else { 25 } > all {
+                return None;
+            }
         }
         Some(Read { id, corners: [0, 1, 2, 3].map(|k: usize| quad[(k + turns) % 4]) })
     }
@@ -130,9 +144,9 @@ impl Reader {
         }
     }
 
-    /// Whether the cells that were just identified have their shade as far as their corners, nearly everywhere.
+    /// At how many places near the corners of the cells that were just identified they have not their shade, and at how many it was looked.
     #[allow(clippy::too_many_arguments)]
-    fn even(
+    fn uneven(
         &self,
         picture: &GreyPicture,
         map: &Projection,
@@ -141,12 +155,13 @@ impl Reader {
         rim: usize,
         book: &Codebook,
         bright: bool,
-    ) -> bool {
+        reach: f64,
+    ) -> [usize; 2] {
         let skip = (side - book.side) / 2;
         let (mut wrong, mut all) = (0, 0);
         for (k, cell) in self.cells.iter().enumerate() {
             let (row, column) = (k / book.side + skip, k % book.side + skip);
-            for (dx, dy) in [(-0.34, -0.34), (0.34, -0.34), (0.34, 0.34), (-0.34, 0.34)] {
+            for (dx, dy) in [(-reach, -reach), (reach, -reach), (reach, reach), (-reach, reach)] {
                 let unit = |at: usize, d: f64| (at as f64 + 0.5 + d - rim as f64) / book.edge as f64;
                 let [x, y] = map.map([unit(column, dx), unit(row, dy)]);
                 let Some(grey) = picture.sample(x, y) else { continue };
@@ -155,7 +170,7 @@ impl Reader {
                 all += 1;
             }
         }
-        wrong * 25 <= all
+        [wrong, all]
     }
 
     /// Undoes some of the blur of small cells.
@@ -217,6 +232,11 @@ impl Reader {
         (wrong.max(doubtful) <= most_wrong.max(u32::from(book.bits() > 16)).max(if soft && !small { 2 } else { 0 }))
             .then_some((id, turns, wrong))
     }
+}
+
+/// Whether a quadrangle is large enough for the cells along its edge to be seen.
+pub(super) fn large_enough(quad: &Quad, edge: usize) -> bool {
+    cell_size(quad, edge) >= SMALLEST_CELL
 }
 
 /// Mean edge of a cell, px: the shorter of the two directions.
