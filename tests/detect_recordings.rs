@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use cellmap::detect::native::NativeDetector;
+use cellmap::detect::patterns::FoundTag;
 use cellmap::detect::{Corner, Detector, Dictionary, GreyPicture, Pattern};
 
 fn recording(set: &str) -> Option<PathBuf> {
@@ -137,21 +138,39 @@ fn april_tags_are_printed_the_right_way_up() {
         expected.entry((field[0].parse().unwrap(), field[1].parse().unwrap())).or_default()
             [field[4].parse::<usize>().unwrap()] = [field[5].parse().unwrap(), field[6].parse().unwrap()];
     }
-    let detector = NativeDetector::new();
-    let mut found = 0;
-    for image in 0..3 {
-        let picture = GreyPicture::read(&folder.join(format!("images/{image}.jpg")), None).unwrap();
-        for tag in detector.find_tags(&picture, &[Dictionary::AprilTag36h11]).remove(0) {
-            let corners = tag.corners;
-            assert_eq!(tag.id, 0);
-            let off = |known: &[[f64; 2]; 4]| {
-                (0..4).map(|k| (corners[k][0] - known[k][0]).hypot(corners[k][1] - known[k][1])).fold(0.0, f64::max)
+    // Middles of tags that OpenCV 5 finds and that are not among the expected ones.
+    let others: [(u32, [f64; 2]); 6] = [
+        (0, [369.4, 355.4]),
+        (2, [481.7, 415.4]),
+        (2, [389.2, 277.7]),
+        (2, [464.2, 382.5]),
+        (2, [536.4, 365.3]),
+        (2, [301.5, 385.8]),
+    ];
+    let all = expected.len() + others.len();
+    // Faces of cubes lie in the shade beside faces that lie in the sun: there a second look is needed.
+    for (detector, least) in [(NativeDetector::new(), 47), (NativeDetector::new().in_shade_too(), all)] {
+        let mut found = 0;
+        for image in 0..3 {
+            let picture = GreyPicture::read(&folder.join(format!("images/{image}.jpg")), None).unwrap();
+            let tags = detector.find_tags(&picture, &[Dictionary::AprilTag36h11]).remove(0);
+            assert!(tags.iter().all(|tag| tag.id == 0));
+            let near = |known: &[[f64; 2]; 4]| {
+                let off = |k: usize, at: [f64; 2]| (at[0] - known[k][0]).hypot(at[1] - known[k][1]);
+                tags.iter().any(|tag| (0..4).all(|k| off(k, tag.corners[k]) < 4.0))
             };
-            found += usize::from(expected.iter().any(|((of, _), known)| *of == image && off(known) < 4.0));
+            found += expected.iter().filter(|((of, _), known)| *of == image && near(known)).count();
+            let around = |middle: &[f64; 2]| {
+                let off = |tag: &FoundTag, axis: usize| {
+                    tag.corners.iter().map(|corner| corner[axis]).sum::<f64>() / 4.0 - middle[axis]
+                };
+                tags.iter().any(|tag| off(tag, 0).hypot(off(tag, 1)) < 4.0)
+            };
+            found += others.iter().filter(|(of, middle)| *of == image && around(middle)).count();
+            // All carry id 0: no telling which is meant, so none is.
+            let wanted = [Pattern::Tags { dictionary: Dictionary::AprilTag36h11, ids: vec![0] }];
+            assert!(detector.detect(&picture, None, &wanted).unwrap().is_empty());
         }
-        // All carry id 0: no telling which is meant, so none is.
-        let wanted = [Pattern::Tags { dictionary: Dictionary::AprilTag36h11, ids: vec![0] }];
-        assert!(detector.detect(&picture, None, &wanted).unwrap().is_empty());
+        assert!(found >= least, "{}: {found} of {all}", detector.name());
     }
-    assert!(found >= 43, "{found} of {}", expected.len());
 }

@@ -33,6 +33,9 @@ pub(super) struct Detect {
     /// Also find tags printed with black and white exchanged
     #[arg(long)]
     inverted: bool,
+    /// Also find tags in the shade, beside something that lies in the light (OpenCV does so in any case)
+    #[arg(long)]
+    shade: bool,
     /// A solution of this cell: tags are first looked for where it says that they are
     #[arg(long, value_name = "SOLUTION")]
     predict: Option<PathBuf>,
@@ -52,7 +55,7 @@ impl Detect {
         use_threads(self.threads);
         let layout = self.common.read()?;
         let out = self.out.clone().unwrap_or_else(|| layout.recording.join(DEFAULT_DETECTIONS));
-        let detector = self.detector.make(self.inverted, &layout.file)?;
+        let detector = self.detector.make(self.inverted, self.shade, &layout.file)?;
         let bar = progress_bar("detecting");
         let progress = |done: usize, all: usize| {
             bar.set_length(all as u64);
@@ -99,10 +102,17 @@ pub(super) enum Finder {
 impl Finder {
     /// # Errors
     /// When the program was built without it, or it cannot find inverted tags.
-    pub(super) fn make(self, inverted: bool, layout: &std::path::Path) -> Result<Box<dyn Detector>, InputError> {
+    pub(super) fn make(
+        self,
+        inverted: bool,
+        shade: bool,
+        layout: &std::path::Path,
+    ) -> Result<Box<dyn Detector>, InputError> {
         match self {
-            Self::Native if inverted => Ok(Box::new(NativeDetector::with_inverted())),
-            Self::Native => Ok(Box::new(NativeDetector::new())),
+            Self::Native => {
+                let detector = if inverted { NativeDetector::with_inverted() } else { NativeDetector::new() };
+                Ok(Box::new(if shade { detector.in_shade_too() } else { detector }))
+            }
             Self::Opencv if inverted => Err(cellmap::complaint::Complaint::of(
                 layout,
                 "inverted tags are not looked for with OpenCV",

@@ -9,6 +9,8 @@
 //!
 //! Checkerboards: [`crossings`] are where their corners may be, [`grid`] puts them together.
 //!
+//! Where asked, tags in the shade of something bright are looked for by thresholds of their own.
+//!
 //! Pictures that show the same are known by their tiles ([`Sight`]) and need not be searched twice.
 //!
 //! Corners are then measured by [`super::edge_lines`] like those of any finder. Nothing is kept between pictures.
@@ -28,12 +30,15 @@ use super::picture::GreyPicture;
 use super::{Corner, DetectError, Detector, Dictionary, Expected, ExpectedTag, KnownTag, Lens, Pattern};
 use codebook::Codebook;
 use components::Wanted;
+use outline::Quad;
 pub use sight::Sight;
+use tiles::Tiles;
 
 /// Tags, checkerboards and ChArUco boards without any library. Free to make and to share.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct NativeDetector {
     inverted: bool,
+    shade: bool,
 }
 
 impl NativeDetector {
@@ -46,7 +51,14 @@ impl NativeDetector {
     /// Finds tags printed with black and white exchanged too. The search then takes up to twice as long.
     #[must_use]
     pub fn with_inverted() -> Self {
-        Self { inverted: true }
+        Self { inverted: true, ..Self::default() }
+    }
+
+    /// Finds tags in the shade too, beside something that lies in the light: a second look, by thresholds of the shaded places alone. The
+    /// search then takes up to twice as long.
+    #[must_use]
+    pub fn in_shade_too(self) -> Self {
+        Self { shade: true, ..self }
     }
 
     /// Every tag of some dictionaries in a picture, an id as often as it is seen; in the order of `dictionaries`.
@@ -56,28 +68,40 @@ impl NativeDetector {
     pub fn find_tags(&self, picture: &GreyPicture, dictionaries: &[Dictionary]) -> Vec<Vec<FoundTag>> {
         let books: Vec<&Codebook> = dictionaries.iter().map(|dictionary| Codebook::of(*dictionary)).collect();
         let mut found: Vec<Vec<FoundTag>> = vec![Vec::new(); books.len()];
-        let tiles = tiles::tiles(picture);
+        let extremes = tiles::tile_extremes(picture);
+        let tiles = tiles::tiles(&extremes);
+        self.look(picture, &tiles, &books, &mut found);
+        if self.shade {
+            self.look(picture, &tiles::in_shade(&extremes, &tiles), &books, &mut found);
+        }
+        found
+    }
+
+    /// Adds what is found by some thresholds and was not found before.
+    fn look(&self, picture: &GreyPicture, tiles: &Tiles, books: &[&Codebook], found: &mut [Vec<FoundTag>]) {
         let looked_for = |book: &Codebook, bright: bool| self.inverted || book.bright_inside == bright;
         let [dark, bright] = [false, true].map(|bright| books.iter().any(|book| looked_for(book, bright)));
         let fewest_cells = books.iter().map(|book| book.edge).min().unwrap_or(0);
-        let [dark, bright] = components::patches(picture, &tiles, Wanted { dark, bright, fewest_cells });
+        let [dark, bright] = components::patches(picture, tiles, Wanted { dark, bright, fewest_cells });
+        let known: Vec<Quad> = found.iter().flatten().map(|tag| tag.corners).collect();
         let mut hull = Vec::new();
         let mut reader = reading::Reader::default();
         for (patches, bright_inside) in [(dark, false), (bright, true)] {
             for patch in patches.iter() {
                 let Some(quad) = outline::quadrangle(&patch, &mut hull) else { continue };
-                if !reading::large_enough(&quad, fewest_cells) {
+                if !reading::large_enough(&quad, fewest_cells) || known.iter().any(|known| outline::same(known, &quad))
+                {
                     continue;
                 }
                 let Some(quad) = outline::settle(picture, quad, bright_inside) else { continue };
-                for (book, found) in books.iter().zip(&mut found).filter(|(book, _)| looked_for(book, bright_inside)) {
+                let suited = books.iter().zip(found.iter_mut()).filter(|(book, _)| looked_for(book, bright_inside));
+                for (book, found) in suited {
                     if let Some(read) = reader.read(picture, quad, bright_inside, book) {
                         found.push(FoundTag { id: read.id, corners: read.corners, bright_inside, close: true });
                     }
                 }
             }
         }
-        found
     }
 
     /// The tag that is expected, if it is there: its border within a few pixels of where it is expected, its cells, its first corner.
@@ -108,7 +132,7 @@ impl NativeDetector {
     /// A checkerboard's rough corners in canonical order, if a believable one is in the picture.
     #[must_use]
     pub fn find_checkerboard(&self, picture: &GreyPicture, columns: usize, rows: usize) -> Option<Vec<[f64; 2]>> {
-        let crossings = crossings::crossings(picture, &tiles::tiles(picture));
+        let crossings = crossings::crossings(picture, &tiles::tiles(&tiles::tile_extremes(picture)));
         grid::grid(&crossings, columns, rows)
             .filter(|grid| checkerboard::plausible(picture, grid, columns, rows))
             .and_then(|grid| checkerboard::canonical(picture, &grid, columns, rows))
@@ -164,7 +188,12 @@ impl Finder for Told<'_> {
 
 impl Detector for NativeDetector {
     fn name(&self) -> &'static str {
-        if self.inverted { "native, inverted too" } else { "native" }
+        match (self.inverted, self.shade) {
+            (false, false) => "native",
+            (true, false) => "native, inverted too",
+            (false, true) => "native, in shade too",
+            (true, true) => "native, inverted and in shade too",
+        }
     }
 
     fn detect(

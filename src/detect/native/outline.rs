@@ -51,6 +51,15 @@ pub(super) fn quadrangle(patch: &Patch<'_>, hull: &mut Vec<[i64; 2]>) -> Option<
     (shortest >= SHORTEST_SIDE).then_some(corners)
 }
 
+/// Whether two quadrangles are one, which may have been found a pixel or two differently: by their middles and their areas.
+pub(super) fn same(one: &Quad, other: &Quad) -> bool {
+    let middle = |quad: &Quad| [0, 1].map(|axis: usize| quad.iter().map(|corner| corner[axis]).sum::<f64>() / 4.0);
+    let cross = |a: [f64; 2], b: [f64; 2]| a[0] * b[1] - a[1] * b[0];
+    let area = |quad: &Quad| (0..4).map(|k| cross(quad[k], quad[(k + 1) % 4])).sum::<f64>().abs() / 2.0;
+    let [smaller, larger] = [area(one).min(area(other)), area(one).max(area(other))];
+    2.0 * smaller > larger && distance(middle(one), middle(other)) < 0.25 * smaller.sqrt()
+}
+
 /// Twice the signed area of a triangle; positive if it runs clockwise as seen (y down).
 fn turn(a: [i64; 2], b: [i64; 2], c: [i64; 2]) -> i64 {
     (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])

@@ -16,6 +16,8 @@ use crate::detect::wide::dispatch;
 pub(super) const TILE: usize = 8;
 /// Grey levels between the darkest and the brightest around a tile below which it is flat.
 pub(super) const FLAT: u8 = 18;
+/// Grey levels between the darkest and the brightest of a tile in the shade.
+const SHADED: u8 = 30;
 
 /// A threshold a tile.
 #[derive(Debug, Default)]
@@ -54,16 +56,42 @@ pub(super) fn tile_extremes(picture: &GreyPicture) -> Extremes {
 }
 
 /// The tiles' thresholds.
-pub(super) fn tiles(picture: &GreyPicture) -> Tiles {
-    let Extremes { columns, mut darkest, mut brightest } = tile_extremes(picture);
-    let mut thresholds = vec![0; darkest.len()];
+pub(super) fn tiles(extremes: &Extremes) -> Tiles {
+    let columns = extremes.columns;
+    let (mut darkest, mut brightest) = (extremes.darkest.clone(), extremes.brightest.clone());
     widen::<false>(&mut darkest, columns);
     widen::<true>(&mut brightest, columns);
-    for ((threshold, low), high) in thresholds.iter_mut().zip(&darkest).zip(&brightest) {
+    let thresholds = darkest
+        .iter()
+        .zip(&brightest)
+        .map(|(low, high)| if high.saturating_sub(*low) < FLAT { 0 } else { middle(*low, *high) });
+    Tiles { columns, thresholds: thresholds.collect() }
+}
+
+/// The thresholds where something much brighter beside a tile hid what contrast it has: by the extremes of such tiles alone. Elsewhere as they were.
+pub(super) fn in_shade(extremes: &Extremes, tiles: &Tiles) -> Tiles {
+    let columns = extremes.columns;
+    let (mut darkest, mut brightest) = (extremes.darkest.clone(), extremes.brightest.clone());
+    for ((low, high), threshold) in darkest.iter_mut().zip(&mut brightest).zip(&tiles.thresholds) {
         let range = high.saturating_sub(*low);
-        *threshold = if range < FLAT { 0 } else { low + range / 2 + 1 };
+        // All but a tenth of its range is dark.
+        if range < SHADED || *threshold < *high - range / 10 {
+            (*low, *high) = (u8::MAX, 0);
+        }
     }
-    Tiles { columns, thresholds }
+    widen::<false>(&mut darkest, columns);
+    widen::<true>(&mut brightest, columns);
+    let thresholds = tiles
+        .thresholds
+        .iter()
+        .zip(darkest.iter().zip(&brightest))
+        .map(|(threshold, (low, high))| if low < high { middle(*low, *high) } else { *threshold });
+    Tiles { columns, thresholds: thresholds.collect() }
+}
+
+/// A pixel darker than this is dark.
+fn middle(low: u8, high: u8) -> u8 {
+    low + (high - low) / 2 + 1
 }
 
 /// The extremes of one row of tiles. (A type and not a closure: only so does all of it get the wide instructions.)
