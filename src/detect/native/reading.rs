@@ -51,8 +51,11 @@ impl Reader {
         // With the margin, where the pattern has no data around its border.
         let rim = if around == 0 { 1 } else { around };
         let side = book.edge + 2 * rim;
-        let map = Projection::from_unit_square(quad)?;
         let size = cell_size(&quad, book.edge);
+        if size < SMALLEST_CELL {
+            return None;
+        }
+        let map = Projection::from_unit_square(quad)?;
         self.sample(picture, &map, book.edge, rim, size);
         // Dark inside, bright outside, whatever was printed.
         if bright {
