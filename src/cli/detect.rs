@@ -33,7 +33,7 @@ pub(super) struct Detect {
     /// Also find tags printed with black and white exchanged
     #[arg(long)]
     inverted: bool,
-    /// Also find tags in the shade, beside something that lies in the light (OpenCV does so in any case)
+    /// Also find tags in the shade, beside what is lit
     #[arg(long)]
     shade: bool,
     /// A solution of this cell: tags are first looked for where it says that they are
