@@ -39,7 +39,7 @@ pub(super) struct Detect {
     /// A solution of this cell: tags are first looked for where it says that they are
     #[arg(long, value_name = "SOLUTION")]
     predict: Option<PathBuf>,
-    /// Search every picture, even one that shows the same as the first two of its configuration
+    /// Search every picture, even one that shows the same as the first of its configuration
     #[arg(long)]
     search_all: bool,
     /// Also draw what was found into the pictures, in this folder

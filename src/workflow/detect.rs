@@ -66,7 +66,7 @@ pub struct Watch<'a> {
     pub draw: Option<&'a Path>,
     /// A solution that says where tags must be.
     pub predict: Option<&'a Path>,
-    /// Search every picture, even one that shows the same as the first two of its configuration.
+    /// Search every picture, even one that shows the same as the first of its configuration.
     pub search_all: bool,
 }
 

@@ -1,8 +1,8 @@
 //! Looking at pictures: several at once, and those of one configuration one after the other.
 //!
-//! A robot stands still while a camera takes several pictures. What its first two pictures show is expected in the others, as long as they show the same
-//! (see [`Neighbour`]). They are the first two that the recording has, whoever looks at them and when, so that the result is the same
-//! bits on any number of threads and after any interruption.
+//! A robot stands still while a camera takes several pictures. What its first picture shows, or its first two where that shows a tag in part, is expected in the
+//! others, as long as they show the same (see [`Neighbour`]). They are the first that the recording has, whoever looks at them and when, so that
+//! the result is the same bits on any number of threads and after any interruption.
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -15,6 +15,9 @@ use crate::detect::{Corner, Detector, GreyPicture, Lens, Pattern};
 use crate::geometry::Intrinsics;
 use crate::layout::Layout;
 use crate::layout::images::PictureFile;
+
+/// Pictures of a configuration that are searched at most before it is known what to expect in the others.
+const FIRSTS: usize = 2;
 
 /// Pattern, tag, corner, pixel and covariance of a corner, as the journal keeps it.
 pub(super) type JournalCorner = (usize, Option<u32>, u32, [f64; 2], Option<[f64; 3]>);
@@ -64,29 +67,28 @@ impl Looking<'_> {
         looked.into_iter().flatten().collect()
     }
 
-    /// Looks at those of some pictures of one configuration that are its first two, and says what they mean for the others.
+    /// Looks at as many of the first pictures of one configuration as tell what to expect in the others; gives what they show if they are among those asked for.
     fn begin(&self, group: &[Taken<'_>], all: &[Taken<'_>]) -> (Vec<Done>, Option<Neighbour>) {
         let Some(taken) = group.first() else { return (Vec::new(), None) };
         let begin = all.partition_point(|other| key(other) < key(taken));
-        let firsts: Vec<&Taken<'_>> = all[begin..].iter().take(2).filter(|other| key(other) == key(taken)).collect();
-        let own = |first: &Taken<'_>| group.iter().any(|taken| taken.1.shot == first.1.shot);
-        let owned = firsts.iter().filter(|first| own(first)).count();
-        let needed = !self.search_all && owned < group.len();
-        let (mut done, mut seen) = (Vec::new(), Vec::new());
+        let firsts = all[begin..].iter().take(FIRSTS).take_while(|other| key(other) == key(taken));
+        let (mut done, mut seen): (Vec<Done>, Vec<Shown>) = (Vec::new(), Vec::new());
         for first in firsts {
-            if needed || own(first) {
-                let (one, shown) = self.look(first, None, needed);
-                if own(first) {
-                    done.push(one);
-                }
-                seen.extend(shown);
+            // Nothing is left that would have to be told.
+            if self.search_all || done.len() == group.len() {
+                break;
+            }
+            let (one, shown) = self.look(first, None, true);
+            if group.iter().any(|taken| taken.1.shot == first.1.shot) {
+                done.push(one);
+            }
+            let Some(shown) = shown else { continue };
+            seen.push(shown);
+            if let Some(neighbour) = Neighbour::of(&seen, self.wanted) {
+                return (done, Some(neighbour));
             }
         }
-        let neighbour = match seen.as_slice() {
-            [first, second] if needed => Neighbour::of([first, second], self.wanted),
-            _ => None,
-        };
-        (done, neighbour)
+        (done, None)
     }
 
     /// Looks at a picture. With `keep` for what it says of others that show the same.

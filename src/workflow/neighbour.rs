@@ -1,4 +1,4 @@
-//! What the first two pictures at a configuration say of the others.
+//! What the first pictures at a configuration say of the others.
 
 use std::collections::BTreeMap;
 
@@ -16,7 +16,7 @@ pub struct Shown {
     pub known: Vec<KnownTag>,
 }
 
-/// What a camera's first two pictures at a configuration show.
+/// What a camera's first pictures at a configuration show.
 #[derive(Debug)]
 pub struct Neighbour {
     sight: Sight,
@@ -24,22 +24,22 @@ pub struct Neighbour {
 }
 
 impl Neighbour {
-    /// Two pictures and their corners. Two, since a tag at the limit of what can be read is read in some pictures and in others not: one that either shows is
-    /// expected in the others.
+    /// The first pictures, and what was found in them: what any of them shows is expected in the others.
     ///
-    /// `None` if they say nothing of other pictures: where the two do not show the same, something else than tags is looked for, or a tag was measured
-    /// at all four corners in neither, so that another picture may show more of it.
+    /// `None` if they say nothing of other pictures: where they do not show the same, something else than tags is looked for, or a tag was measured
+    /// at all four corners in none of them, so that another picture may show more of it.
     #[must_use]
-    pub fn of([first, second]: [&Shown; 2], wanted: &[Pattern]) -> Option<Self> {
+    pub fn of(firsts: &[Shown], wanted: &[Pattern]) -> Option<Self> {
         if !wanted.iter().all(|pattern| matches!(pattern, Pattern::Tags { .. })) {
             return None;
         }
+        let (first, others) = firsts.split_first()?;
         let sight = Sight::of(&first.picture);
-        if !sight.is_of(&second.picture) {
+        if !others.iter().all(|other| sight.is_of(&other.picture)) {
             return None;
         }
         let mut tags = BTreeMap::new();
-        for shown in [second, first] {
+        for shown in firsts.iter().rev() {
             for four in shown.corners.chunk_by(|a, b| (a.pattern, a.tag) == (b.pattern, b.tag)) {
                 let tag = four.first()?;
                 let (Pattern::Tags { dictionary, .. }, Some(id)) = (wanted.get(tag.pattern)?, tag.tag) else {
