@@ -9,7 +9,7 @@ use std::time::Instant;
 
 use super::check::check_pictures;
 use super::dictionary::wrong_dictionary;
-use super::look::{Done, JournalCorner, Looking, stamp};
+use super::look::{Done, JournalCorner, Looking, stamp, whole_groups};
 use super::predict::Prediction;
 use crate::complaint::{Complaint, InputError};
 use crate::detect::{Detector, Lens, Pattern};
@@ -19,8 +19,10 @@ use crate::layout::images::PictureFile;
 use crate::recording::{CornerRow, Recording, write_detections};
 use crate::trust::Fault;
 
-/// Pictures that are looked at before the journal is written again.
+/// Pictures that are looked at, at least, before the journal is written again.
 const TOGETHER: usize = 40;
+/// Seconds that pass from one entry in the journal to the next if pictures are quick: at each a thread may wait for the last picture of another.
+const BETWEEN: f64 = 0.5;
 
 /// A picture that gave nothing because it could not be used.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -107,14 +109,17 @@ pub fn detect(layout: &Layout, detector: &dyn Detector, out: &Path, watch: &Watc
         search_all: watch.search_all,
     };
     (watch.progress)(0, work.len());
-    for chunk in work.chunks(TOGETHER) {
+    let (mut rest, mut together) = (&work[..], TOGETHER);
+    while !rest.is_empty() {
         if watch.stop.load(Ordering::Relaxed) {
             result.interrupted = true;
             result.pictures = done.len();
             result.seconds = began.elapsed().as_secs_f64();
             return Ok(result);
         }
-        let known = &mut known;
+        let (chunk, later) = rest.split_at(whole_groups(rest, together));
+        rest = later;
+        let (known, clock) = (&mut known, Instant::now());
         let (old, new): (Vec<_>, Vec<_>) = chunk.iter().partition(|(camera, file)| {
             watch.draw.is_none()
                 && known
@@ -126,6 +131,8 @@ pub fn detect(layout: &Layout, detector: &dyn Detector, out: &Path, watch: &Watc
         let fresh = looking.at(&new, &work);
         journal.append(&fresh).map_err(fail)?;
         done.extend(fresh);
+        let quick = new.len() as f64 * BETWEEN / clock.elapsed().as_secs_f64().max(1e-3);
+        together = (quick as usize).clamp(TOGETHER, 25 * TOGETHER);
         (watch.progress)(done.len(), work.len());
     }
     let mut rows = Vec::new();

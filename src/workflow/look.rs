@@ -148,6 +148,12 @@ impl Looking<'_> {
     }
 }
 
+/// How many of some pictures make about so many without a configuration's being cut in two, if its pictures are not very many.
+pub(super) fn whole_groups(some: &[Taken<'_>], about: usize) -> usize {
+    let (about, most) = (about.min(some.len()), some.len().min(4 * about));
+    (about..most).find(|end| *end == 0 || key(&some[*end]) != key(&some[*end - 1])).unwrap_or(most)
+}
+
 fn key(taken: &Taken<'_>) -> (usize, u64) {
     (taken.0, taken.1.configuration)
 }
