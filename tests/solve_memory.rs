@@ -77,6 +77,17 @@ fn apart(a: &Solved, b: &Solved) -> (f64, f64) {
     (most, ratio)
 }
 
+/// A recording solved as a whole and in little memory, which must give the same.
+fn whole_and_in_pieces(layout: &Layout) -> (Solved, Solved) {
+    let whole = solved(layout, None);
+    let streamed = solved(layout, Some(50_000_000));
+    assert!(streamed.streamed.is_some());
+    let (most, ratio) = apart(&whole, &streamed);
+    println!("{most:.4} sigma apart, sigmas by {ratio:.4}; {:?}", streamed.streamed.as_ref().unwrap().report);
+    assert!(most < 0.03 && (ratio - 1.0).abs() < 0.01, "{most} {ratio}");
+    (whole, streamed)
+}
+
 #[test]
 fn pieces_give_the_answer_of_the_whole() {
     let folder = tempfile::tempdir().unwrap();
@@ -129,24 +140,14 @@ fn robots_that_stop_inexactly_are_solved_in_pieces_too() {
     for robot in &mut layout.robots {
         robot.repeatability = Some([5e-5, 1e-4]);
     }
-    let whole = solved(&layout, None);
-    let streamed = solved(&layout, Some(50_000_000));
-    assert!(streamed.streamed.is_some());
-    let (most, ratio) = apart(&whole, &streamed);
-    println!("{most:.4} sigma apart, sigmas by {ratio:.4}; {:?}", streamed.streamed.as_ref().unwrap().report);
-    assert!(most < 0.03 && (ratio - 1.0).abs() < 0.01, "{most} {ratio}");
+    whole_and_in_pieces(&layout);
 }
 
 #[test]
 fn a_board_that_moves_by_hand_is_solved_in_pieces_too() {
     let folder = tempfile::tempdir().unwrap();
     let (layout, _) = recorded(folder.path(), 0, 1500);
-    let whole = solved(&layout, None);
-    let streamed = solved(&layout, Some(50_000_000));
-    assert!(streamed.streamed.is_some());
-    let (most, ratio) = apart(&whole, &streamed);
-    println!("{most:.4} sigma apart, sigmas by {ratio:.4}; {:?}", streamed.streamed.as_ref().unwrap().report);
-    assert!(most < 0.03 && (ratio - 1.0).abs() < 0.01, "{most} {ratio}");
+    let (whole, streamed) = whole_and_in_pieces(&layout);
     assert_eq!(whole.unknowns, streamed.unknowns);
     assert!(whole.observations.abs_diff(streamed.observations) <= 10);
 }

@@ -10,6 +10,7 @@ mod chunks;
 pub mod corners;
 pub mod detections;
 mod evenly;
+mod held;
 mod index;
 pub mod motion;
 mod names;

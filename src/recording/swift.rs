@@ -13,8 +13,9 @@ use std::sync::Arc;
 
 use super::Digest;
 use super::cells::{cell, ends, number_at, one_of, whole};
-use super::corners::{Appearance, Corners, Held};
+use super::corners::{Appearance, Corners};
 use super::detections::{COLUMNS, COVARIANCE, Piece, feature_of};
+use super::held::Held;
 use super::names::Names;
 use crate::geometry::{Feature, TargetGeometry};
 use crate::layout::{Layout, Target};
