@@ -4,6 +4,7 @@
 //! one picture have in common stands once, in an [`Appearance`]; which corner of its target each is, is a number into a list of [`Names`]; and what
 //! remains of a corner is that number and its pixel: 20 bytes, and 24 more where a detector gave covariances.
 
+use std::collections::BTreeSet;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -93,6 +94,7 @@ impl Corners {
     /// Rows in order, whose features are all among the `names`.
     pub(super) fn named<'a>(names: Arc<Names>, rows: impl Iterator<Item = &'a CornerRow>) -> Self {
         let mut held = Held::default();
+        held.reserve(rows.size_hint().0);
         for row in rows {
             let CornerRow { configuration, shot, camera, target, .. } = *row;
             let one = Appearance { configuration, shot, camera, target, ..Appearance::default() };
@@ -236,7 +238,8 @@ impl Corners {
 impl From<Vec<CornerRow>> for Corners {
     fn from(mut rows: Vec<CornerRow>) -> Self {
         rows.sort_by(|a, b| a.key().cmp(&b.key()));
-        let names = Names::new(rows.iter().map(|row| (row.target, row.feature.clone())).collect());
+        let different: BTreeSet<(usize, &Feature)> = rows.iter().map(|row| (row.target, &row.feature)).collect();
+        let names = Names::new(different.into_iter().map(|(target, feature)| (target, feature.clone())).collect());
         Self::named(Arc::new(names), rows.iter())
     }
 }

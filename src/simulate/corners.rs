@@ -61,7 +61,10 @@ pub fn corners_of_shots(
         }
         rows
     };
-    let mut rows: Vec<CornerRow> = work.par_iter().map(one).collect::<Vec<_>>().into_iter().flatten().collect();
+    let pictures: Vec<Vec<CornerRow>> = work.par_iter().map(one).collect();
+    // Room at once: vectors that grow to such sizes leave holes of the same.
+    let mut rows = Vec::with_capacity(pictures.iter().map(Vec::len).sum());
+    rows.extend(pictures.into_iter().flatten());
     rows.sort_by(|a, b| a.key().cmp(&b.key()));
     rows
 }

@@ -54,7 +54,7 @@ pub struct Assembler<'a> {
     /// What linearisations weigh by in the place of the loss.
     guide: Option<Loss>,
     curved: bool,
-    arch: Arch,
+    pub(super) arch: Arch,
     pub(super) lens_models: Vec<LensModel>,
     pub(super) robots: Vec<RobotData<'a>>,
     pub(super) priors: Priors,
@@ -187,10 +187,10 @@ impl<'a> Assembler<'a> {
     pub fn moved(&self) -> Vec<Vec<usize>> {
         // A robot's stop is no place of anything.
         let edges =
-            self.local_units().flat_map(|unit| unit.edges.iter()).filter(|edge| **edge < self.plan.moving_edges);
+            self.local_units().flat_map(|unit| unit.form.edges.iter()).filter(|edge| **edge < self.plan.moving_edges);
         let edges = edges.max().map_or(0, |edge| edge + 1);
         let at = |edge: usize| {
-            self.local_units().filter(move |unit| unit.edges.contains(&edge)).map(|unit| unit.configuration)
+            self.local_units().filter(move |unit| unit.form.edges.contains(&edge)).map(|unit| unit.configuration)
         };
         (0..edges)
             .map(|edge| {

@@ -21,7 +21,6 @@ pub mod kernels;
 mod lanes;
 mod lens_lanes;
 mod local;
-mod local_terms;
 mod loss;
 mod mean;
 mod measurements;

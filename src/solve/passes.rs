@@ -15,7 +15,6 @@ use super::step::frozen_scaling;
 use super::system::System;
 use crate::frames::FrameTree;
 use crate::geometry::Pose;
-use crate::geometry::pose::Twist;
 
 /// A step this long, in standard deviations of where it leads to, ends the search: nobody could tell.
 const NEGLIGIBLE: f64 = 1e-3;
@@ -140,21 +139,16 @@ impl Assembler<'_> {
         if self.cut.bundles.is_empty() {
             return;
         }
-        let still = vec![0.0; self.plan.unknowns.count];
+        let (still, arch) = (vec![0.0; self.plan.unknowns.count], self.arch);
         for _ in 0..LOCAL_STEPS {
             self.linearise_locally(state);
             self.cut.bundles.par_iter_mut().for_each(|bundle| {
-                bundle.eliminate(HELD);
-                bundle.units.iter_mut().for_each(|unit| unit.back_substitute(&still));
+                bundle.eliminate(arch, HELD);
+                bundle.back_substitute(arch, &still, HELD);
+                bundle.step_from(state);
             });
-            let mut largest: f64 = 0.0;
-            for unit in self.local_units() {
-                for (&edge, d) in unit.edges.iter().zip(unit.step.chunks_exact(6)) {
-                    let pose = &mut state.moving_poses[edge][unit.configuration];
-                    *pose = pose.retract(&Twist::from_column_slice(d));
-                    largest = d.iter().fold(largest, |largest, d| largest.max(d.abs()));
-                }
-            }
+            self.cut.bundles.iter().for_each(|bundle| bundle.go(state));
+            let largest = self.cut.bundles.iter().fold(0.0, |most: f64, bundle| most.max(bundle.promise.largest));
             if largest <= LOCAL_STEP {
                 return;
             }
@@ -164,7 +158,8 @@ impl Assembler<'_> {
     /// Linearises at `state`, where [`Assembler::settle`] has been, and eliminates the unknowns of each configuration alone.
     pub fn reduced(&mut self, state: &State, normal: &mut Normal) {
         self.linearise(state, normal);
-        self.cut.bundles.par_iter_mut().for_each(|bundle| bundle.eliminate(HELD));
+        let arch = self.arch;
+        self.cut.bundles.par_iter_mut().for_each(|bundle| bundle.eliminate(arch, HELD));
         for bundle in &self.cut.bundles {
             if let Some(taken) = bundle.taken() {
                 let negative: Vec<f64> = taken.iter().map(|value| -value).collect();

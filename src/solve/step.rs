@@ -6,7 +6,6 @@ use super::assemble::{Assembler, Normal};
 use super::state::State;
 use super::system::System;
 use crate::frames::FrameTree;
-use crate::geometry::pose::Twist;
 
 /// The diagonal at the start, kept away from zero so that a direction nobody measures is still held.
 pub(super) fn frozen_scaling(normal: &Normal) -> Vec<f64> {
@@ -32,7 +31,7 @@ impl Step {
     /// The largest component, counted in units; local unknowns are poses.
     pub(super) fn largest(&self, assembler: &Assembler<'_>, units: &[f64]) -> f64 {
         let shared = self.shared.iter().zip(units).map(|(d, unit)| d.abs() / unit);
-        let local = assembler.local_units().flat_map(|unit| unit.step.iter().map(|x| x.abs() / 1e-3));
+        let local = assembler.cut.bundles.iter().map(|bundle| bundle.promise.largest / 1e-3);
         shared.chain(local).fold(0.0, f64::max)
     }
 
@@ -45,41 +44,37 @@ impl Step {
         lambda: f64,
     ) -> bool {
         self.system.load(normal, scaling, lambda);
-        let apiece = assembler.cut.apiece();
-        assembler.cut.bundles.par_iter_mut().with_min_len(apiece).for_each(|bundle| bundle.eliminate(lambda));
-        for bundle in &assembler.cut.bundles {
+        let (apiece, arch) = (assembler.cut.apiece(), assembler.arch);
+        let bundles = &mut assembler.cut.bundles;
+        bundles.par_iter_mut().with_min_len(apiece).for_each(|bundle| bundle.eliminate(arch, lambda));
+        for bundle in &*bundles {
             let Some(taken) = bundle.taken() else { return false };
             self.system.take(&bundle.shared, taken);
         }
         let Some(solution) = self.system.solve() else { return false };
         self.shared.copy_from_slice(solution);
         let shared = &self.shared;
-        assembler.cut.bundles.par_iter_mut().with_min_len(apiece).for_each(|bundle| {
-            bundle.units.iter_mut().for_each(|unit| unit.back_substitute(shared));
-        });
+        bundles.par_iter_mut().with_min_len(apiece).for_each(|bundle| bundle.back_substitute(arch, shared, lambda));
         let (mut slope, mut damping) = (0.0, 0.0);
         for ((d, gradient), scale) in shared.iter().zip(&normal.gradient).zip(scaling) {
             slope -= gradient * d;
             damping += lambda * scale * d * d;
         }
-        for unit in assembler.local_units() {
-            let (s, d) = unit.predicted(lambda);
-            slope += s;
-            damping += d;
+        for bundle in &*bundles {
+            slope += bundle.promise.slope;
+            damping += bundle.promise.damping;
         }
         self.predicted = 0.5 * (slope + damping);
         self.predicted.is_finite()
     }
 
     /// Puts the state after the step into `next`.
-    pub(super) fn apply(&self, assembler: &Assembler<'_>, tree: &FrameTree, state: &State, next: &mut State) {
+    pub(super) fn apply(&self, assembler: &mut Assembler<'_>, tree: &FrameTree, state: &State, next: &mut State) {
         next.copy_from(state);
         next.advance(&assembler.plan.unknowns, tree, &self.shared);
-        for unit in assembler.local_units() {
-            for (&edge, d) in unit.edges.iter().zip(unit.step.chunks_exact(6)) {
-                let pose = &mut next.moving_poses[edge][unit.configuration];
-                *pose = pose.retract(&Twist::from_column_slice(d));
-            }
-        }
+        let apiece = assembler.cut.apiece();
+        let bundles = &mut assembler.cut.bundles;
+        bundles.par_iter_mut().with_min_len(apiece).for_each(|bundle| bundle.step_from(state));
+        bundles.iter().for_each(|bundle| bundle.go(next));
     }
 }

@@ -252,7 +252,7 @@ impl Assembler<'_> {
         let unit = self.local_units().find(|unit| unit.configuration == configuration)?;
         let shared = unit.shared().to_vec();
         let gain = unit.gain().columns(0, shared.len()).into_owned();
-        Some(LocalGain { edges: unit.edges.clone(), shared, gain, covariance: unit.local_covariance() })
+        Some(LocalGain { edges: unit.form.edges.clone(), shared, gain, covariance: unit.local_covariance() })
     }
 }
 
