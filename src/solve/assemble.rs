@@ -42,7 +42,7 @@ pub(super) struct Shape {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Scratch {
     jacobian: Vec<[f64; 6]>,
-    product: Vec<f64>,
+    room: Vec<f64>,
     condensed: Condensed,
 }
 
@@ -245,8 +245,8 @@ impl<'a> Assembler<'a> {
         scratch.jacobian.resize(path.columns, [0.0; 6]);
         let pose = pose_and_jacobian(path, block.configuration, state, segments, &mut scratch.jacobian);
         self.condense(group, block, &pose, state, !shape.lens.is_empty(), &mut scratch.condensed);
-        let Scratch { jacobian, product, condensed } = scratch;
-        self.arch.dispatch(Expand { condensed, jacobian, lens: &shape.lens, product, out: matrix });
+        let Scratch { jacobian, room, condensed } = scratch;
+        self.arch.dispatch(Expand { condensed, jacobian, lens: &shape.lens, room, out: matrix });
         scratch.condensed.cost
     }
 

@@ -3,15 +3,16 @@
 use pulp::{Simd, WithSimd};
 
 use super::kernels::Condensed;
+use super::lanes::Lanes;
 
 /// The task of adding `[B 0; 0 S]^T M [B 0; 0 S]` to a compact matrix, where `B` (6 x columns) is the chain Jacobian and `S` picks the active lens
-/// parameters. Written so that the compiler can use whatever registers it is dispatched to.
+/// parameters. Whole registers are added, so that what is left below the diagonal is no matter.
 pub(super) struct Expand<'a> {
     pub(super) condensed: &'a Condensed,
     pub(super) jacobian: &'a [[f64; 6]],
     pub(super) lens: &'a [usize],
-    /// Room for the first six rows of `M [B 0; 0 S]`.
-    pub(super) product: &'a mut Vec<f64>,
+    /// Room for `B` and the first six rows of `M [B 0; 0 S]`, row by row in whole registers.
+    pub(super) room: &'a mut Vec<f64>,
     pub(super) out: &'a mut [f64],
 }
 
@@ -19,36 +20,30 @@ impl WithSimd for Expand<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let Self { condensed, jacobian, lens, product, out } = self;
-        let m = &condensed.matrix;
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { condensed, jacobian, lens, room, out } = self;
+        let (m, lanes) = (&condensed.matrix, Lanes::<S>::COUNT);
         let (k, last) = (jacobian.len(), condensed.size - 1);
         let width = k + lens.len() + 1;
-        product.resize(6 * width, 0.0);
-        let twist: [[f64; 6]; 6] = std::array::from_fn(|i| std::array::from_fn(|j| m[i.min(j)][i.max(j)]));
+        let stride = width.next_multiple_of(lanes);
+        room.clear();
+        room.resize(12 * stride, 0.0);
+        let (across, product) = room.split_at_mut(6 * stride);
         for (c, b) in jacobian.iter().enumerate() {
-            let mut column = [0.0; 6];
-            for (row, b) in twist.iter().zip(b) {
-                for (entry, value) in column.iter_mut().zip(row) {
-                    *entry += value * b;
-                }
-            }
-            for (i, value) in column.into_iter().enumerate() {
-                product[i * width + c] = value;
-            }
+            b.iter().enumerate().for_each(|(i, value)| across[i * stride + c] = *value);
         }
-        for (i, row) in product.chunks_exact_mut(width).enumerate() {
+        for (i, row) in product.chunks_exact_mut(stride).enumerate() {
+            let twist = std::array::from_fn(|j| m[i.min(j)][i.max(j)]);
+            for register in 0..k.div_ceil(lanes) {
+                Lanes::sum_of_six(simd, &twist, across, stride, register).store(&mut row[register * lanes..]);
+            }
             for (entry, place) in row[k..].iter_mut().zip(lens.iter().map(|place| 6 + place).chain([last])) {
                 *entry = m[i][place];
             }
         }
-        for (i, b) in jacobian.iter().enumerate() {
-            let n = width - i;
-            let row = &mut out[i * width + i..][..n];
-            let p: [&[f64]; 6] = std::array::from_fn(|a| &product[a * width + i..][..n]);
-            for j in 0..n {
-                let first = b[0] * p[0][j] + b[1] * p[1][j] + b[2] * p[2][j];
-                row[j] += first + (b[3] * p[3][j] + b[4] * p[4][j] + b[5] * p[5][j]);
+        for (b, (i, row)) in jacobian.iter().zip(out.chunks_exact_mut(width).enumerate()) {
+            for register in i / lanes..stride / lanes {
+                Lanes::sum_of_six(simd, b, product, stride, register).add_to(&mut row[register * lanes..]);
             }
         }
         for (i, &place) in lens.iter().enumerate() {

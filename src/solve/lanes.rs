@@ -70,6 +70,30 @@ impl<S: Simd> Lanes<S> {
         Self { simd: self.simd, values }
     }
 
+    /// Adds the numbers to as many as `to` has, all of them at most.
+    #[inline(always)]
+    pub fn add_to(self, to: &mut [f64]) {
+        if to.len() >= Self::COUNT {
+            (Self::load(self.simd, to, 0) + self).store(to);
+        } else {
+            let sum = self.simd.add_f64s(self.simd.partial_load_f64s(to), self.values);
+            self.simd.partial_store_f64s(to, sum);
+        }
+    }
+
+    /// One register of a sum of six rows, which are `stride` numbers apart.
+    #[inline(always)]
+    pub fn sum_of_six(simd: S, factors: &[f64; 6], rows: &[f64], stride: usize, register: usize) -> Self {
+        let mut halves = [Self::splat(simd, 0.0); 2];
+        for (half, sum) in halves.iter_mut().enumerate() {
+            for k in 3 * half..3 * half + 3 {
+                let row = Self::load(simd, &rows[k * stride + register * Self::COUNT..], 0);
+                *sum = Self::splat(simd, factors[k]).times_plus(row, *sum);
+            }
+        }
+        halves[0] + halves[1]
+    }
+
     /// `self * other + sum`.
     #[inline(always)]
     pub fn times_plus(self, other: Self, sum: Self) -> Self {

@@ -51,7 +51,7 @@ impl Bundle {
         }
         let room = |form: &Arc<Form>| {
             let widest = form.groups.iter().map(|group| shapes[*group].width).max().unwrap_or(0);
-            (widest * widest).max(form.local() * (form.size() - form.local())).max(form.size())
+            (widest * widest).max(form.room()).max(form.size())
         };
         let size = (shared.len() + 1) * (shared.len() + 1);
         Self {
@@ -138,7 +138,7 @@ impl WithSimd for Eliminate<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
+    fn with_simd<S: Simd>(self, simd: S) {
         let Bundle { units, shared, places, taken, buffer, positive, .. } = self.bundle;
         taken.fill(0.0);
         *positive = true;
@@ -147,7 +147,7 @@ impl WithSimd for Eliminate<'_> {
                 *positive = false;
                 return;
             }
-            unit.take(&places[unit.place], buffer, taken, shared.len() + 1);
+            unit.take(simd, &places[unit.place], buffer, taken, shared.len() + 1);
         }
     }
 }

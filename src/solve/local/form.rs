@@ -1,6 +1,7 @@
 //! What units that see something move along the same paths have in common: where the columns of their blocks go.
 
 use super::super::assemble::Shape;
+use super::super::lanes::WIDEST_REGISTER;
 use super::super::plan::Plan;
 
 /// A stretch of compact columns that stays together.
@@ -65,6 +66,12 @@ impl Form {
     /// The number of local columns.
     pub(in super::super) fn local(&self) -> usize {
         6 * self.edges.len()
+    }
+
+    /// Numbers that eliminating a unit needs: its rows of (shared, residual) and one more, in whole registers.
+    pub(super) fn room(&self) -> usize {
+        let whole = (self.size() - self.local()).next_multiple_of(WIDEST_REGISTER);
+        (self.local() + 1) * whole + WIDEST_REGISTER
     }
 
     /// Columns of the local rows: local, shared, residual.

@@ -2,7 +2,10 @@
 
 use std::sync::Arc;
 
+use pulp::Simd;
+
 use super::super::assemble::Shape;
+use super::super::lanes::Lanes;
 use super::super::plan::{Block, Group, Plan};
 use super::super::prior::pose_prior;
 use super::super::state::State;
@@ -188,35 +191,42 @@ impl LocalUnit {
         if local == 6 { cholesky(factor, 6) } else { cholesky(factor, local) }
     }
 
-    /// Adds `[H_ls, g_l]^T H_ll^-1 [H_ls, g_l]` for the last factor to the bundle's sums (upper triangle). `solved` has room for `L^-1 [H_ls, g_l]`.
+    /// Adds `[H_ls, g_l]^T H_ll^-1 [H_ls, g_l]` for the last factor to the bundle's sums (upper triangle). `room` is [`Form::room`] numbers.
     #[inline(always)]
-    pub(super) fn take(&self, place: &Place, solved: &mut [f64], taken: &mut [f64], stride: usize) {
-        let (local, size) = (self.form.local(), self.form.size());
+    pub(super) fn take<S: Simd>(&self, simd: S, place: &Place, room: &mut [f64], taken: &mut [f64], stride: usize) {
+        let (local, size, lanes) = (self.form.local(), self.form.size(), Lanes::<S>::COUNT);
         let width = size - local;
+        let whole = width.next_multiple_of(lanes);
         let (rows, l) = self.numbers.split_at(local * size);
+        // `L^-1 [H_ls, g_l]`, in whole registers.
+        let (solved, sum) = room.split_at_mut(local * whole);
         for (i, from) in rows.chunks_exact(size).enumerate() {
-            let (done, rest) = solved.split_at_mut(i * width);
-            let row = &mut rest[..width];
-            row.copy_from_slice(&from[local..]);
-            for k in 0..i {
-                let factor = l[i * local + k];
-                row.iter_mut().zip(&done[k * width..]).for_each(|(x, y)| *x -= factor * y);
+            let (done, rest) = solved.split_at_mut(i * whole);
+            let row = &mut rest[..whole];
+            row[..width].copy_from_slice(&from[local..]);
+            row[width..].fill(0.0);
+            let inverse = Lanes::splat(simd, 1.0 / l[i * local + i]);
+            for register in 0..whole / lanes {
+                let mut value = Lanes::load(simd, row, register);
+                for (k, done) in done.chunks_exact(whole).enumerate() {
+                    value = Lanes::splat(simd, -l[i * local + k]).times_plus(Lanes::load(simd, done, register), value);
+                }
+                (value * inverse).store(&mut row[register * lanes..]);
             }
-            let inverse = 1.0 / l[i * local + i];
-            row.iter_mut().for_each(|x| *x *= inverse);
         }
-        // Six rows at once, those of one edge, over whole stretches of the bundle's columns.
-        for six in solved[..local * width].chunks_exact(6 * width) {
+        // Six rows at once, those of one edge.
+        for six in solved.chunks_exact(6 * whole) {
             for (i, &at) in place.of[..width - 1].iter().enumerate() {
-                let b: [f64; 6] = std::array::from_fn(|k| six[k * width + i]);
+                let factors = std::array::from_fn(|k| six[k * whole + i]);
+                for register in i / lanes..whole / lanes {
+                    Lanes::sum_of_six(simd, &factors, six, whole, register).store(&mut sum[register * lanes..]);
+                }
+                let row = &mut taken[at * stride..(at + 1) * stride];
                 for &(own, first, count) in &place.runs {
                     let skipped = i.saturating_sub(own).min(count);
-                    let (own, n) = (own + skipped, count - skipped);
-                    let into = &mut taken[at * stride + first + skipped..][..n];
-                    let p: [&[f64]; 6] = std::array::from_fn(|k| &six[k * width + own..][..n]);
-                    for (j, entry) in into.iter_mut().enumerate() {
-                        let half = b[0] * p[0][j] + b[1] * p[1][j] + b[2] * p[2][j];
-                        *entry += half + (b[3] * p[3][j] + b[4] * p[4][j] + b[5] * p[5][j]);
+                    let from = &sum[own + skipped..];
+                    for (register, into) in row[first + skipped..first + count].chunks_mut(lanes).enumerate() {
+                        Lanes::load(simd, from, register).add_to(into);
                     }
                 }
             }
