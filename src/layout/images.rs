@@ -108,17 +108,18 @@ impl ImagePattern {
     fn search(&self, folder: &Path, depth: usize, known: (Option<u64>, Option<u64>), found: &mut Vec<PictureFile>) {
         let Some(component) = self.components.get(depth) else { return };
         let last = depth + 1 == self.components.len();
-        let mut visit = |path: PathBuf, (configuration, shot): (Option<u64>, Option<u64>)| {
+        // Most folders say what their entries are, so that files need not be asked one by one.
+        let mut visit = |path: PathBuf, file: Option<bool>, (configuration, shot): (Option<u64>, Option<u64>)| {
             if !last {
                 self.search(&path, depth + 1, (configuration, shot), found);
             } else if let Some(configuration) = configuration
-                && path.is_file()
+                && file.unwrap_or_else(|| path.is_file())
             {
                 found.push(PictureFile { configuration, shot: shot.unwrap_or(0), path });
             }
         };
         if let [Piece::Text(name)] = &component[..] {
-            visit(folder.join(name), known);
+            visit(folder.join(name), None, known);
             return;
         }
         let Ok(entries) = std::fs::read_dir(folder) else { return };
@@ -126,7 +127,8 @@ impl ImagePattern {
             if let Some(name) = entry.file_name().to_str()
                 && let Some(numbers) = match_component(component, name, known)
             {
-                visit(entry.path(), numbers);
+                let kind = entry.file_type().ok().filter(|kind| !kind.is_symlink());
+                visit(entry.path(), kind.map(|kind| kind.is_file()), numbers);
             }
         }
     }

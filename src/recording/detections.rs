@@ -6,6 +6,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::corners::{CornerRow, Corners};
+use super::decimals::{push_fixed, push_scientific, push_whole};
 use super::names::Names;
 use super::table::Table;
 use super::{Digest, atomic, swift};
@@ -15,6 +16,8 @@ use crate::layout::Layout;
 
 pub(super) const COLUMNS: [&str; 8] = ["configuration", "shot", "camera", "target", "tag", "corner", "u", "v"];
 pub(super) const COVARIANCE: [&str; 3] = ["suu", "suv", "svv"];
+/// Decimals of a pixel that are written.
+const DECIMALS: usize = 4;
 
 /// Reads a file of corners, sorted by [`CornerRow::key`].
 ///
@@ -153,7 +156,7 @@ pub fn write_detections<R: Borrow<CornerRow>>(
     layout: &Layout,
     rows: impl IntoIterator<Item = R>,
 ) -> std::io::Result<()> {
-    write_rounded(path, layout, rows, 4)
+    write_rounded(path, layout, rows, DECIMALS)
 }
 
 /// As [`write_detections`], with ten decimals of a pixel: for corners that no detector has seen.
@@ -168,6 +171,29 @@ pub fn write_exact_detections<R: Borrow<CornerRow>>(
     write_rounded(path, layout, rows, 10)
 }
 
+/// The lines that [`write_detections`] writes for some corners.
+#[must_use]
+pub fn detection_lines(layout: &Layout, rows: &[CornerRow]) -> String {
+    let mut lines = String::with_capacity(100 * rows.len());
+    rows.iter().for_each(|row| push_row(&mut lines, layout, row, DECIMALS));
+    lines
+}
+
+/// As [`write_detections`], from lines that are there already.
+///
+/// # Errors
+/// As [`write_detections`].
+pub fn write_detection_lines<'a>(path: &Path, lines: impl IntoIterator<Item = &'a str>) -> std::io::Result<()> {
+    atomic::write(path, |out| {
+        write_header(out)?;
+        lines.into_iter().try_for_each(|lines| out.write_all(lines.as_bytes()))
+    })
+}
+
+fn write_header(out: &mut dyn Write) -> std::io::Result<()> {
+    writeln!(out, "{},{}", COLUMNS.join(","), COVARIANCE.join(","))
+}
+
 fn write_rounded<R: Borrow<CornerRow>>(
     path: &Path,
     layout: &Layout,
@@ -175,27 +201,53 @@ fn write_rounded<R: Borrow<CornerRow>>(
     decimals: usize,
 ) -> std::io::Result<()> {
     atomic::write(path, |out| {
-        writeln!(out, "{},{}", COLUMNS.join(","), COVARIANCE.join(","))?;
+        write_header(out)?;
+        let mut line = String::new();
         for row in rows {
-            write_row(out, layout, row.borrow(), decimals)?;
+            line.clear();
+            push_row(&mut line, layout, row.borrow(), decimals);
+            out.write_all(line.as_bytes())?;
         }
         Ok(())
     })
 }
 
-fn write_row(out: &mut dyn Write, layout: &Layout, row: &CornerRow, decimals: usize) -> std::io::Result<()> {
-    let (tag, corner) = match &row.feature {
-        Feature::TagCorner(tag, corner) => (tag.to_string(), u32::from(*corner)),
-        Feature::BoardCorner(corner) => (String::new(), *corner),
-        Feature::Point(name) => (name.clone(), 0),
-    };
-    let (camera, target) = (&layout.cameras[row.camera].name, &layout.targets[row.target].name);
-    write!(out, "{},{},{camera},{target},{tag},{corner},", row.configuration, row.shot)?;
-    write!(out, "{:.decimals$},{:.decimals$},", row.pixel[0], row.pixel[1])?;
-    match row.covariance {
-        Some([suu, suv, svv]) => writeln!(out, "{suu:.4e},{suv:.4e},{svv:.4e}"),
-        None => writeln!(out, ",,"),
+fn push_row(lines: &mut String, layout: &Layout, row: &CornerRow, decimals: usize) {
+    push_whole(lines, row.configuration, 1);
+    lines.push(',');
+    push_whole(lines, row.shot, 1);
+    for name in [&layout.cameras[row.camera].name, &layout.targets[row.target].name] {
+        lines.push(',');
+        lines.push_str(name);
     }
+    lines.push(',');
+    let corner = match &row.feature {
+        Feature::TagCorner(tag, corner) => {
+            push_whole(lines, u64::from(*tag), 1);
+            u64::from(*corner)
+        }
+        Feature::BoardCorner(corner) => u64::from(*corner),
+        Feature::Point(name) => {
+            lines.push_str(name);
+            0
+        }
+    };
+    lines.push(',');
+    push_whole(lines, corner, 1);
+    for place in row.pixel {
+        lines.push(',');
+        push_fixed(lines, place, decimals);
+    }
+    match row.covariance {
+        Some(covariance) => {
+            for number in covariance {
+                lines.push(',');
+                push_scientific(lines, number);
+            }
+        }
+        None => lines.push_str(",,,"),
+    }
+    lines.push('\n');
 }
 
 #[cfg(test)]

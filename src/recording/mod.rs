@@ -8,6 +8,7 @@ pub mod atomic;
 mod cells;
 mod chunks;
 pub mod corners;
+mod decimals;
 pub mod detections;
 mod evenly;
 mod held;
@@ -29,7 +30,9 @@ use crate::layout::{Layout, Motion};
 
 pub use chunks::Wanted;
 pub use corners::{Appearance, CornerRow, Corners};
-pub use detections::{read_detections, write_detections, write_exact_detections};
+pub use detections::{
+    detection_lines, read_detections, write_detection_lines, write_detections, write_exact_detections,
+};
 pub use evenly::Evenly;
 pub use index::{CornerIndex, Pair};
 pub use motion::{FlangePoses, JointValues, read_flange_poses, read_joints};

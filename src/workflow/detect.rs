@@ -1,28 +1,25 @@
 //! `detect`: from pictures to corners, in parallel, resumable, in bounded memory.
 
+use rayon::prelude::*;
 use sha2::{Digest, Sha256};
-use std::collections::BTreeMap;
-use std::io::Write;
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 use super::check::check_pictures;
 use super::dictionary::wrong_dictionary;
-use super::look::{Done, JournalCorner, Looking, stamp, whole_groups};
+use super::journal::{Done, Journal, journal_path, read_journal};
+use super::look::{Looking, Taken, place, stamp};
 use super::predict::Prediction;
 use crate::complaint::{Complaint, InputError};
 use crate::detect::{Detector, Lens, Pattern};
-use crate::geometry::{Feature, Intrinsics};
+use crate::geometry::Intrinsics;
 use crate::layout::Layout;
 use crate::layout::images::PictureFile;
-use crate::recording::{CornerRow, Recording, write_detections};
+use crate::recording::{Recording, write_detection_lines};
 use crate::trust::Fault;
-
-/// Pictures that are looked at, at least, before the journal is written again.
-const TOGETHER: usize = 40;
-/// Seconds that pass from one entry in the journal to the next if pictures are quick: at each a thread may wait for the last picture of another.
-const BETWEEN: f64 = 0.5;
 
 /// A picture that gave nothing because it could not be used.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -94,62 +91,76 @@ pub fn detect(layout: &Layout, detector: &dyn Detector, out: &Path, watch: &Watc
     let (wanted, targets) = wanted(layout)?;
     let prediction = watch.predict.map(|solution| Prediction::read(solution, layout)).transpose()?;
     let journal_path = journal_path(out);
-    let fingerprint = fingerprint(layout, detector.name(), &wanted, watch);
-    let mut known = read_journal(&journal_path, &fingerprint);
+    let fingerprint = fingerprint(layout, detector.name(), &wanted, &targets, watch);
+    let known = read_journal(&journal_path, &fingerprint);
     let fail = |e: std::io::Error| cannot_write(out, &e);
-    let mut journal = Journal::open(&journal_path, &fingerprint, &known).map_err(fail)?;
-    let mut done: Vec<Done> = Vec::with_capacity(work.len());
-    let mut result = Detected { detector: detector.name().to_owned(), ..Detected::default() };
+    let kept =
+        Kept { journal: Journal::open(&journal_path, &fingerprint, &known).map_err(fail)?, pictures: 0, failure: None };
+    let (kept, unwritten) = (Mutex::new(kept), AtomicBool::new(false));
+    let lock = || kept.lock().unwrap_or_else(PoisonError::into_inner);
+    let tell = |kept: &mut Kept| {
+        kept.pictures += 1;
+        (watch.progress)(kept.pictures, work.len());
+    };
     let looking = Looking {
         layout,
         detector,
         wanted: &wanted,
+        targets: &targets,
         prediction: prediction.as_ref(),
         draw: watch.draw,
         search_all: watch.search_all,
+        stopped: &|| watch.stop.load(Ordering::Relaxed) || unwritten.load(Ordering::Relaxed),
+        each: &|done| {
+            let line = serde_json::to_string(done).map_err(std::io::Error::other);
+            let mut kept = lock();
+            if let Err(error) = line.and_then(|line| kept.journal.append(&line)) {
+                kept.failure = Some(error);
+                unwritten.store(true, Ordering::Relaxed);
+            }
+            tell(&mut kept);
+        },
     };
     (watch.progress)(0, work.len());
-    let (mut rest, mut together) = (&work[..], TOGETHER);
-    while !rest.is_empty() {
-        if watch.stop.load(Ordering::Relaxed) {
-            result.interrupted = true;
-            result.pictures = done.len();
-            result.seconds = began.elapsed().as_secs_f64();
-            return Ok(result);
-        }
-        let (chunk, later) = rest.split_at(whole_groups(rest, together));
-        rest = later;
-        let (known, clock) = (&mut known, Instant::now());
-        let (old, new): (Vec<_>, Vec<_>) = chunk.iter().partition(|(camera, file)| {
-            watch.draw.is_none()
-                && known
-                    .get(&(*camera, file.configuration, file.shot))
-                    .is_some_and(|done| done.stamp == stamp(&file.path))
-        });
-        result.resumed += old.len();
-        done.extend(old.iter().filter_map(|(camera, file)| known.remove(&(*camera, file.configuration, file.shot))));
-        let fresh = looking.at(&new, &work);
-        journal.append(&fresh).map_err(fail)?;
-        done.extend(fresh);
-        let quick = new.len() as f64 * BETWEEN / clock.elapsed().as_secs_f64().max(1e-3);
-        together = (quick as usize).clamp(TOGETHER, 25 * TOGETHER);
-        (watch.progress)(done.len(), work.len());
+    let configurations: Vec<&[Taken<'_>]> = work.chunk_by(|a, b| place(a) == place(b)).collect();
+    // The whole recording at once: no thread waits for another before the end.
+    let done = configurations.par_iter().map(|pictures| {
+        let earlier = |(camera, file): &&Taken<'_>| {
+            let done = known.get(&(*camera, file.configuration, file.shot)).filter(|_| watch.draw.is_none())?;
+            (done.stamp == stamp(&file.path)).then(|| done.clone())
+        };
+        let old: Vec<Option<Done>> = pictures.iter().map(|taken| earlier(&taken)).collect();
+        old.iter().flatten().for_each(|_| tell(&mut lock()));
+        let new: Vec<Taken<'_>> =
+            pictures.iter().zip(&old).filter(|(_, old)| old.is_none()).map(|(new, _)| *new).collect();
+        let mut done = looking.at(&new, &work);
+        let resumed = old.len() - new.len();
+        done.extend(old.into_iter().flatten());
+        done.sort_by_key(|done| done.shot);
+        (done, resumed)
+    });
+    let done: Vec<(Vec<Done>, usize)> = done.collect();
+    let mut kept = kept.into_inner().unwrap_or_else(PoisonError::into_inner);
+    kept.failure.map_or(Ok(()), Err).and_then(|()| kept.journal.write()).map_err(fail)?;
+    let mut result = Detected {
+        detector: detector.name().to_owned(),
+        pictures: done.iter().map(|(done, _)| done.len()).sum(),
+        resumed: done.iter().map(|(_, resumed)| resumed).sum(),
+        ..Detected::default()
+    };
+    if result.pictures < work.len() {
+        result.interrupted = true;
+        result.seconds = began.elapsed().as_secs_f64();
+        return Ok(result);
     }
-    let mut rows = Vec::new();
-    for one in &done {
-        result.pictures += 1;
+    for (one, (_, file)) in done.iter().flat_map(|(done, _)| done).zip(&work) {
         if let Some(reason) = &one.failure {
-            let file = pictures[one.camera].iter().find(|f| (f.configuration, f.shot) == (one.configuration, one.shot));
-            let picture = file.map(|file| file.path.clone()).unwrap_or_default();
-            result.failed.push(Failure { picture, reason: reason.clone() });
+            result.failed.push(Failure { picture: file.path.clone(), reason: reason.clone() });
         }
-        result.pictures_with_detections += usize::from(!one.corners.is_empty());
-        let mut seen: Vec<(usize, Option<u32>)> = one.corners.iter().map(|c| (c.0, c.1)).collect();
-        seen.dedup();
-        result.tags += seen.len();
-        rows.extend(one.corners.iter().map(|corner| row(one, &targets, corner)));
+        result.pictures_with_detections += usize::from(one.corners > 0);
+        result.tags += one.tags;
+        result.corners += one.corners;
     }
-    result.corners = rows.len();
     if result.failed.len() == result.pictures {
         let first = &result.failed[0];
         return Err(Complaint::of(
@@ -159,32 +170,26 @@ pub fn detect(layout: &Layout, detector: &dyn Detector, out: &Path, watch: &Watc
         )
         .into());
     }
-    let missing: Vec<usize> =
-        targets.iter().copied().filter(|target| !rows.iter().any(|row| row.target == *target)).collect();
+    let seen: BTreeSet<usize> =
+        done.iter().flat_map(|(done, _)| done).flat_map(|done| done.targets.iter().copied()).collect();
+    let missing: Vec<usize> = targets.iter().copied().filter(|target| !seen.contains(target)).collect();
     if !missing.is_empty() {
         result.faults.extend(wrong_dictionary(layout, detector, &work, &missing));
     }
-    rows.sort_by(|a, b| a.key().cmp(&b.key()));
-    write_detections(out, layout, &rows).map_err(fail)?;
-    journal.remove();
+    let lines = done.iter().flat_map(|(done, _)| done).map(|done| done.lines.as_str());
+    write_detection_lines(out, lines).map_err(fail)?;
+    kept.journal.remove();
     result.seconds = began.elapsed().as_secs_f64();
     Ok(result)
 }
 
-fn row(one: &Done, targets: &[usize], corner: &JournalCorner) -> CornerRow {
-    let (pattern, tag, index, pixel, covariance) = *corner;
-    CornerRow {
-        configuration: one.configuration,
-        shot: one.shot,
-        camera: one.camera,
-        target: targets[pattern],
-        feature: match tag {
-            Some(tag) => Feature::TagCorner(tag, index as u8),
-            None => Feature::BoardCorner(index),
-        },
-        pixel,
-        covariance,
-    }
+/// What threads share while pictures are looked at.
+struct Kept {
+    journal: Journal,
+    /// Pictures done so far.
+    pictures: usize,
+    /// Why the journal cannot be written.
+    failure: Option<std::io::Error>,
 }
 
 /// What is looked for, and the target behind each pattern.
@@ -226,72 +231,13 @@ fn cannot_write(path: &Path, error: &std::io::Error) -> InputError {
     Complaint::of(path, format!("the file cannot be written: {error}"), "say where else with `--out FILE`").into()
 }
 
-/// Where an unfinished run keeps what it has done.
-fn journal_path(out: &Path) -> PathBuf {
-    let mut name = out.file_name().unwrap_or_default().to_owned();
-    name.push(".unfinished");
-    out.with_file_name(name)
-}
-
-/// What a journal must agree on to be continued: everything that detection depends on.
-fn fingerprint(layout: &Layout, detector: &str, wanted: &[Pattern], watch: &Watch<'_>) -> String {
-    let lenses: BTreeMap<&str, _> =
-        layout.cameras.iter().map(|c| (c.name.as_str(), (&c.images, &c.intrinsics))).collect();
+/// What a journal must agree on to be continued: everything that detection and the lines of its result depend on.
+fn fingerprint(layout: &Layout, detector: &str, wanted: &[Pattern], targets: &[usize], watch: &Watch<'_>) -> String {
+    let lenses: Vec<_> = layout.cameras.iter().map(|c| (&c.name, &c.images, &c.intrinsics)).collect();
+    let names: Vec<_> = targets.iter().map(|target| (*target, &layout.targets[*target].name)).collect();
     let (predict, search_all) = (watch.predict.map(|file| (file, stamp(file))), watch.search_all);
-    let text = format!("{} {detector} {wanted:?} {lenses:?} {predict:?} {search_all}", crate::VERSION);
+    let text = format!("{} {detector} {wanted:?} {names:?} {lenses:?} {predict:?} {search_all}", crate::VERSION);
     Sha256::digest(text.as_bytes()).iter().map(|byte| format!("{byte:02x}")).collect()
-}
-
-fn read_journal(path: &Path, fingerprint: &str) -> BTreeMap<(usize, u64, u64), Done> {
-    let Ok(text) = std::fs::read_to_string(path) else { return BTreeMap::new() };
-    let mut lines = text.lines();
-    if lines.next() != Some(fingerprint) {
-        return BTreeMap::new();
-    }
-    // A line that was being written when the run was killed is no JSON and is done again.
-    lines
-        .filter_map(|line| serde_json::from_str::<Done>(line).ok())
-        .map(|done| ((done.camera, done.configuration, done.shot), done))
-        .collect()
-}
-
-/// The journal of a run, a line a picture.
-struct Journal {
-    path: PathBuf,
-    file: std::fs::File,
-}
-
-impl Journal {
-    fn open(path: &Path, fingerprint: &str, known: &BTreeMap<(usize, u64, u64), Done>) -> std::io::Result<Self> {
-        if let Some(folder) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
-            std::fs::create_dir_all(folder)?;
-        }
-        let file = if known.is_empty() {
-            let mut file = std::fs::File::create(path)?;
-            writeln!(file, "{fingerprint}")?;
-            file
-        } else {
-            let mut file = std::fs::OpenOptions::new().append(true).open(path)?;
-            // Ends a line that was cut short.
-            writeln!(file)?;
-            file
-        };
-        Ok(Self { path: path.to_owned(), file })
-    }
-
-    fn append(&mut self, done: &[Done]) -> std::io::Result<()> {
-        let mut text = String::new();
-        for one in done {
-            text.push_str(&serde_json::to_string(one).map_err(std::io::Error::other)?);
-            text.push('\n');
-        }
-        self.file.write_all(text.as_bytes())
-    }
-
-    /// The run is complete. A journal that cannot be removed does no harm: it agrees with the result.
-    fn remove(self) {
-        let _ = std::fs::remove_file(&self.path);
-    }
 }
 
 impl Lens for Intrinsics {

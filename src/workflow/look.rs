@@ -5,34 +5,20 @@
 //! the result is the same bits on any number of threads and after any interruption.
 
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 use std::path::Path;
 
+use super::journal::Done;
 use super::neighbour::{Neighbour, Shown};
 use super::predict::Prediction;
 use crate::detect::drawing::draw_to;
 use crate::detect::{Corner, Detector, GreyPicture, Lens, Pattern};
-use crate::geometry::Intrinsics;
+use crate::geometry::{Feature, Intrinsics};
 use crate::layout::Layout;
 use crate::layout::images::PictureFile;
+use crate::recording::{CornerRow, detection_lines};
 
 /// Pictures of a configuration that are searched at most before it is known what to expect in the others.
 const FIRSTS: usize = 2;
-
-/// Pattern, tag, corner, pixel and covariance of a corner, as the journal keeps it.
-pub(super) type JournalCorner = (usize, Option<u32>, u32, [f64; 2], Option<[f64; 3]>);
-
-/// One picture's line in the journal.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub(super) struct Done {
-    pub camera: usize,
-    pub configuration: u64,
-    pub shot: u64,
-    /// Size and modification time: a picture that was taken anew is looked at anew.
-    pub stamp: (u64, u64),
-    pub corners: Vec<JournalCorner>,
-    pub failure: Option<String>,
-}
 
 /// A picture and the camera that took it.
 pub(super) type Taken<'a> = (usize, &'a PictureFile);
@@ -42,40 +28,42 @@ pub(super) struct Looking<'a> {
     pub layout: &'a Layout,
     pub detector: &'a dyn Detector,
     pub wanted: &'a [Pattern],
+    /// The target behind each pattern.
+    pub targets: &'a [usize],
     pub prediction: Option<&'a Prediction>,
     pub draw: Option<&'a Path>,
     pub search_all: bool,
+    /// Whether no more pictures are to be looked at.
+    pub stopped: &'a (dyn Fn() -> bool + Sync),
+    /// Told of each picture as soon as it is done.
+    pub each: &'a (dyn Fn(&Done) + Sync),
 }
 
 /// What is known after a look: what the journal keeps, and what the picture shows if it could be used.
 type Looked = (Done, Option<Shown>);
 
 impl Looking<'_> {
-    /// Looks at some of the pictures, which are sorted by camera, configuration and shot as `all` are. Results are in the same order.
+    /// Looks at some pictures of one configuration; `all` are those of the recording, sorted by camera, configuration and shot as `some` are. Results are in the
+    /// same order; there are fewer if it was stopped.
     pub fn at(&self, some: &[Taken<'_>], all: &[Taken<'_>]) -> Vec<Done> {
-        let groups: Vec<&[Taken<'_>]> = some.chunk_by(|a, b| key(a) == key(b)).collect();
-        // Groups side by side and the pictures of each too: a thread that has none of its own left takes some of another's.
-        let looked: Vec<Vec<Done>> = groups
-            .par_iter()
-            .map(|group| {
-                let (mut done, neighbour) = self.begin(group, all);
-                let rest = group.get(done.len()..).unwrap_or(&[]);
-                done.par_extend(rest.par_iter().map(|taken| self.look(taken, neighbour.as_ref(), false).0));
-                done
-            })
-            .collect();
-        looked.into_iter().flatten().collect()
+        let (mut done, neighbour) = self.begin(some, all);
+        // The configurations go side by side, and the pictures of each too: a thread that has no configuration of its own left takes some of another's pictures.
+        let rest = some.get(done.len()..).unwrap_or(&[]);
+        let looked =
+            rest.par_iter().map(|taken| (!(self.stopped)()).then(|| self.look(taken, neighbour.as_ref(), false).0));
+        done.extend(looked.collect::<Vec<Option<Done>>>().into_iter().flatten());
+        done
     }
 
     /// Looks at as many of the first pictures of one configuration as tell what to expect in the others; gives what they show if they are among those asked for.
     fn begin(&self, group: &[Taken<'_>], all: &[Taken<'_>]) -> (Vec<Done>, Option<Neighbour>) {
         let Some(taken) = group.first() else { return (Vec::new(), None) };
-        let begin = all.partition_point(|other| key(other) < key(taken));
-        let firsts = all[begin..].iter().take(FIRSTS).take_while(|other| key(other) == key(taken));
+        let begin = all.partition_point(|other| place(other) < place(taken));
+        let firsts = all[begin..].iter().take(FIRSTS).take_while(|other| place(other) == place(taken));
         let (mut done, mut seen): (Vec<Done>, Vec<Shown>) = (Vec::new(), Vec::new());
         for first in firsts {
             // Nothing is left that would have to be told.
-            if self.search_all || done.len() == group.len() {
+            if self.search_all || done.len() == group.len() || (self.stopped)() {
                 break;
             }
             let (one, shown) = self.look(first, None, true);
@@ -92,26 +80,51 @@ impl Looking<'_> {
     }
 
     /// Looks at a picture. With `keep` for what it says of others that show the same.
-    fn look(&self, (camera, file): &Taken<'_>, neighbour: Option<&Neighbour>, keep: bool) -> Looked {
+    fn look(&self, taken: &Taken<'_>, neighbour: Option<&Neighbour>, keep: bool) -> Looked {
+        let (camera, file) = *taken;
+        let stamp = stamp(&file.path);
+        let looked = self.shown(camera, file, neighbour, keep);
         let mut done = Done {
-            camera: *camera,
+            camera,
             configuration: file.configuration,
             shot: file.shot,
-            stamp: stamp(&file.path),
-            corners: Vec::new(),
+            stamp,
+            tags: 0,
+            corners: 0,
+            targets: Vec::new(),
+            lines: String::new(),
             failure: None,
         };
-        match self.shown(*camera, file, neighbour, keep) {
-            Ok(shown) => {
-                let plain = |c: &Corner| (c.pattern, c.tag, c.corner, c.pixel, c.covariance);
-                done.corners = shown.corners.iter().map(plain).collect();
-                (done, Some(shown))
-            }
-            Err(reason) => {
-                done.failure = Some(reason);
-                (done, None)
-            }
+        match &looked {
+            Ok(shown) => self.note(&shown.corners, &mut done),
+            Err(reason) => done.failure = Some(reason.clone()),
         }
+        (self.each)(&done);
+        (done, looked.ok())
+    }
+
+    /// Puts down what was found in a picture.
+    fn note(&self, corners: &[Corner], done: &mut Done) {
+        let rows: Vec<CornerRow> = corners
+            .iter()
+            .map(|corner| CornerRow {
+                configuration: done.configuration,
+                shot: done.shot,
+                camera: done.camera,
+                target: self.targets[corner.pattern],
+                feature: match corner.tag {
+                    Some(tag) => Feature::TagCorner(tag, corner.corner as u8),
+                    None => Feature::BoardCorner(corner.corner),
+                },
+                pixel: corner.pixel,
+                covariance: corner.covariance,
+            })
+            .collect();
+        done.tags = corners.chunk_by(|a, b| (a.pattern, a.tag) == (b.pattern, b.tag)).count();
+        done.corners = rows.len();
+        done.targets = rows.iter().map(|row| row.target).collect();
+        done.targets.dedup();
+        done.lines = detection_lines(self.layout, &rows);
     }
 
     fn shown(
@@ -148,13 +161,8 @@ impl Looking<'_> {
     }
 }
 
-/// How many of some pictures make about so many without a configuration's being cut in two, if its pictures are not very many.
-pub(super) fn whole_groups(some: &[Taken<'_>], about: usize) -> usize {
-    let (about, most) = (about.min(some.len()), some.len().min(4 * about));
-    (about..most).find(|end| *end == 0 || key(&some[*end]) != key(&some[*end - 1])).unwrap_or(most)
-}
-
-fn key(taken: &Taken<'_>) -> (usize, u64) {
+/// Which configuration of which camera.
+pub(super) fn place(taken: &Taken<'_>) -> (usize, u64) {
     (taken.0, taken.1.configuration)
 }
 

@@ -12,6 +12,7 @@ mod dictionary;
 mod explanations;
 mod follow;
 pub mod identify;
+mod journal;
 mod localise;
 mod look;
 pub(crate) mod measured;
