@@ -78,12 +78,20 @@ fn known(picture: &GreyPicture) -> Expected {
     Expected { tags, known, all: true }
 }
 
+/// Small tags are measured by all of their cells, large ones by lines, with a camera that answers to light in proportion or does not.
 #[test]
 fn a_known_tag_is_measured_by_each_picture_alone() {
+    let large = Scene { noise: 0.0, ..USUAL };
+    for scene in [Scene { size: [18.0, 26.0], ..large }, large, Scene { gamma: 2.2, tilt: [0.0, 0.8], ..large }] {
+        measured_by_each_picture_alone(&scene);
+    }
+}
+
+fn measured_by_each_picture_alone(scene: &Scene) {
     // Of each way to measure: squared errors, the same in standard deviations, products with the first picture's errors, how many.
     let mut sums = [[0.0; 4]; 2];
     for seed in 0..6 {
-        let (clean, truth) = Scene { size: [18.0, 26.0], noise: 0.0, ..USUAL }.render(seed, None);
+        let (clean, truth) = scene.render(seed, None);
         let first = shot(&clean, 2 * seed, 0.0);
         let expected = known(&first);
         assert!(expected.known.len() > truth.len() / 2, "{} of {}", expected.known.len(), truth.len());
@@ -118,9 +126,44 @@ fn a_known_tag_is_measured_by_each_picture_alone() {
 
 #[test]
 fn a_known_tag_in_another_picture_is_not_believed() {
-    let scene = Scene { size: [18.0, 26.0], ..USUAL };
-    let (first, other) = (scene.render(1, None).0, scene.render(2, None).0);
-    assert_eq!(look(&other, &known(&first)), look(&other, &Expected::default()));
+    for scene in [Scene { size: [18.0, 26.0], ..USUAL }, USUAL] {
+        let (first, other) = (scene.render(1, None).0, scene.render(2, None).0);
+        assert_eq!(look(&other, &known(&first)), look(&other, &Expected::default()));
+        // Nor in one of another size, whatever it shows.
+        let [width, height] = [first.width() - 8, first.height()];
+        let rows = first.pixels().chunks_exact(first.width()).flat_map(|row| &row[..width]).copied();
+        let narrow = GreyPicture::new(width, height, rows.collect()).unwrap();
+        let (with, without) = (look(&narrow, &known(&first)), look(&narrow, &Expected::default()));
+        assert_eq!(with.len(), without.len());
+    }
+}
+
+/// The middle of a known tag is hidden: it is read anew, and is what it is without the first picture.
+#[test]
+fn a_known_tag_that_looks_otherwise_is_read_again() {
+    let (first, truth) = USUAL.render(3, None);
+    let expected = known(&first);
+    assert!(expected.tags.len() > 5);
+    for tag in &expected.tags {
+        let [a, b, c, d] = truth.iter().find(|truth| truth.id == tag.id).unwrap().corners;
+        let at = |u: f64, v: f64, axis: usize| {
+            (1.0 - u) * (1.0 - v) * a[axis] + u * (1.0 - v) * b[axis] + u * v * c[axis] + (1.0 - u) * v * d[axis]
+        };
+        // The whole of the cells in the middle becomes grey.
+        let middle = [at(0.5, 0.5, 0), at(0.5, 0.5, 1)].map(|place| place.round() as usize);
+        let reach = ((b[0] - a[0]).hypot(b[1] - a[1]) / 4.0).ceil() as usize;
+        let mut pixels = first.pixels().to_vec();
+        for row in middle[1].saturating_sub(reach)..(middle[1] + reach).min(first.height()) {
+            for column in middle[0].saturating_sub(reach)..(middle[0] + reach).min(first.width()) {
+                pixels[row * first.width() + column] = 128;
+            }
+        }
+        let covered = GreyPicture::new(first.width(), first.height(), pixels).unwrap();
+        let ids = |corners: Vec<Corner>| corners.iter().map(|corner| corner.tag).collect::<Vec<_>>();
+        let with = ids(look(&covered, &expected));
+        assert!(!with.contains(&Some(tag.id)), "{}", tag.id);
+        assert_eq!(with, ids(look(&covered, &Expected::default())));
+    }
 }
 
 /// Pixel and variances of each corner.

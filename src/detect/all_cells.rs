@@ -2,7 +2,7 @@
 
 use super::blurred_cells::Cells;
 use super::edge_lines::{Refinement, RoughTag, Weakness, believe};
-use super::known_tag::Linear;
+use super::known_tag::Fit;
 use super::lens::Bender;
 use super::picture::GreyPicture;
 use super::whole_tag::{Fitted, IdealCorner, WholeTag};
@@ -16,8 +16,8 @@ pub(super) struct Start {
     pub blur: f64,
 }
 
-/// Corners, and the fit that they are from, made linear for other pictures.
-pub(super) type Measured = ([Refinement; 4], Option<Linear>);
+/// Corners, and what of the fit that they are from holds in other pictures that show the same.
+pub(super) type Measured = ([Refinement; 4], Option<Fit>);
 
 /// What all cells together say; with `keep` the fit too.
 pub(super) fn corners(
@@ -29,7 +29,7 @@ pub(super) fn corners(
 ) -> Result<Measured, Weakness> {
     let finish = |corners: [IdealCorner; 4], fitted: Fitted<'_>| {
         let corners = in_picture(bender, corners)?;
-        Ok((corners, if keep { Some(fitted.linear()?) } else { None }))
+        Ok((corners, if keep { Some(Fit::Cells(Box::new(fitted.linear()?))) } else { None }))
     };
     let whole = whole(bender, tag, start)?;
     let fitted = whole.settle(picture, bender)?;

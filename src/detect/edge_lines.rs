@@ -22,6 +22,8 @@ use super::edge_fit::SideFit;
 use super::edge_side::{Bend, Side};
 use super::edge_stations::{Profile, Stations};
 use super::edge_tone::{Shift, Tone};
+use super::known_lines::KnownLines;
+use super::known_tag::Fit;
 use super::lens::Bender;
 pub use super::lens::Lens;
 use super::picture::GreyPicture;
@@ -76,7 +78,7 @@ pub fn refine_tags(picture: &GreyPicture, lens: Option<&dyn Lens>, tags: &[Rough
     measure_tags(picture, lens, tags, false).into_iter().map(|(corners, _)| corners).collect()
 }
 
-/// The same; with `keep` also the fits of those tags that were measured by all of their cells.
+/// The same; with `keep` also what of their fits holds in other pictures that show the same.
 pub(super) fn measure_tags(
     picture: &GreyPicture,
     lens: Option<&dyn Lens>,
@@ -106,7 +108,8 @@ pub(super) fn measure_tags(
             && lines.clear
             && corners.iter().all(|corner| matches!(corner, Refinement::Refined { .. }))
         {
-            return (*corners, None);
+            let kept = keep.then(|| KnownLines::of(lines, picture, &bender, tag, &mut stations)).and_then(Result::ok);
+            return (*corners, kept.map(Fit::Lines));
         }
         let start = lines.as_ref().map_or(Start { ideal: None, blur: USUAL_BLUR }, Lines::start);
         all_cells::corners(picture, &bender, tag, &start, keep)
@@ -133,12 +136,15 @@ pub fn refine_quad(
 }
 
 /// What the lines say.
-struct Lines {
-    rough: [[f64; 2]; 4],
-    sides: [Side; 4],
-    fits: [Result<SideFit, Weakness>; 4],
+#[derive(Debug)]
+pub(super) struct Lines {
+    pub rough: [[f64; 2]; 4],
+    pub sides: [Side; 4],
+    pub fits: [Result<SideFit, Weakness>; 4],
+    /// What the edges were fitted with.
+    pub expected: Profile,
     /// Where they meet, ideal pixels.
-    ideal: [[f64; 2]; 4],
+    pub ideal: [[f64; 2]; 4],
     blur: f64,
     /// Whether all sides are measured and nothing shines through.
     clear: bool,
@@ -189,7 +195,8 @@ fn lines(
             let thinnest = sides.iter().flat_map(|side| side.inner_cell).fold(f64::MAX, f64::min);
             let clear = thinnest > CLEAR * blur && fits.iter().all(Result::is_ok);
             let shift = if clear { Shift::of_tag(picture, bender, tag, ideal, &fits, tone, stations) } else { None };
-            return Ok(Lines { rough, sides, fits, ideal, blur, clear, shift });
+            let expected = Profile { blur: assumed, tone };
+            return Ok(Lines { rough, sides, fits, expected, ideal, blur, clear, shift });
         }
         pass += 1;
     }
@@ -220,19 +227,27 @@ impl Lines {
         let shift = tone.shift(self.shift);
         let fits = self.fits.map(|fit| fit.map(|fit| shift.taken_from(fit)));
         let pixels = bender.distort_all(meet(bender, &self.sides, &fits.map(Result::ok), self.ideal)?)?;
-        Ok([0, 1, 2, 3].map(|corner: usize| {
-            let before = (corner + 3) % 4;
-            match (&fits[before], &fits[corner]) {
-                (Err(weakness), _) | (_, Err(weakness)) => Refinement::Weak(*weakness),
-                (Ok(first), Ok(second)) => judge(
-                    self.rough[corner],
-                    pixels[corner],
-                    [&self.sides[before], &self.sides[corner]],
-                    [first, second],
-                ),
-            }
-        }))
+        let [a, b, c, d] = &self.sides;
+        Ok(judged(self.rough, pixels, [a, b, c, d], &fits))
     }
+}
+
+/// The last word on the corners where the sides' lines meet.
+pub(super) fn judged(
+    rough: [[f64; 2]; 4],
+    pixels: [[f64; 2]; 4],
+    sides: [&Side; 4],
+    fits: &[Result<SideFit, Weakness>; 4],
+) -> [Refinement; 4] {
+    [0, 1, 2, 3].map(|corner: usize| {
+        let before = (corner + 3) % 4;
+        match (&fits[before], &fits[corner]) {
+            (Err(weakness), _) | (_, Err(weakness)) => Refinement::Weak(*weakness),
+            (Ok(first), Ok(second)) => {
+                judge(rough[corner], pixels[corner], [sides[before], sides[corner]], [first, second])
+            }
+        }
+    })
 }
 
 /// The last word on one corner: `first` is the side that ends there, `second` the one that begins.
@@ -331,13 +346,8 @@ fn meet(
         lines[side] = match &fits[side] {
             None => [ideal[side], ideal[(side + 1) % 4]],
             Some(fit) => {
-                let Side { start, along, outward, length, .. } = &sides[side];
-                let moved = |u: f64| {
-                    let d = fit.at(u);
-                    bender
-                        .undistort([start[0] + u * along[0] + d * outward[0], start[1] + u * along[1] + d * outward[1]])
-                };
-                [moved(0.0)?, moved(*length)?]
+                let moved = |u: f64| bender.undistort(sides[side].point(u, fit.at(u)));
+                [moved(0.0)?, moved(sides[side].length)?]
             }
         };
     }

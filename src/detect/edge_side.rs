@@ -20,6 +20,7 @@
 
 use super::edge_behind::Behind;
 use super::edge_fit::{Edge, SideFit, fit_line};
+use super::edge_kept::KeptStations;
 use super::edge_lines::Weakness;
 use super::edge_stations::{Profile, Stations, Step};
 use super::picture::GreyPicture;
@@ -98,6 +99,11 @@ impl Side {
         (point[0] - self.start[0]) * self.outward[0] + (point[1] - self.start[1]) * self.outward[1]
     }
 
+    /// The pixel at a place along the straight line, so far outside of it.
+    pub fn point(&self, u: f64, outside: f64) -> [f64; 2] {
+        [0, 1].map(|axis: usize| self.start[axis] + u * self.along[axis] + outside * self.outward[axis])
+    }
+
     /// The bend at u px from the start, and its slope.
     fn bend_at(&self, u: f64) -> (f64, f64) {
         self.bend.as_ref().map_or((0.0, 0.0), |bend| bend.at(u))
@@ -159,8 +165,31 @@ impl Side {
         expected: Profile,
         stations: &mut Stations,
     ) -> Result<SideFit, Weakness> {
+        let blur = self.fit_stations(picture, neighbours, expected, stations);
+        self.line(&stations.steps(), stations.len(), blur)
+    }
+
+    /// The stations of an exact fit, to be measured in other pictures.
+    pub fn keep(
+        &self,
+        picture: &GreyPicture,
+        neighbours: [&Side; 2],
+        expected: Profile,
+        stations: &mut Stations,
+    ) -> KeptStations {
+        let blur = self.fit_stations(picture, neighbours, expected, stations);
+        stations.keep(Profile { blur, ..expected }, widest(expected.blur), self.bright_inside, picture)
+    }
+
+    /// Fits the stations; returns the side's blur.
+    fn fit_stations(
+        &self,
+        picture: &GreyPicture,
+        neighbours: [&Side; 2],
+        expected: Profile,
+        stations: &mut Stations,
+    ) -> f64 {
         let blur = expected.blur;
-        let widest = WIDEST_GATE.max(3.0 * blur);
         let clearance = (3.0 * blur).max(2.0);
         let clear = |_: f64, ends: [[f64; 2]; 2]| {
             ends.iter().all(|end| neighbours.iter().all(|side| side.outside(*end) < -clearance))
@@ -168,10 +197,13 @@ impl Side {
         let shine = |u: f64| {
             self.behind.as_ref().map_or(0.0, |behind| behind.shine(u / self.length, blur / self.length) as f32)
         };
-        self.gather(picture, widest, stations, clear, shine);
-        let blur = stations.fit(expected, BLUR_BOUNDS, widest, SWEEPS);
-        let count = stations.len();
-        let mut edges = edges(stations).ok_or(Weakness::TooFewEdges)?;
+        self.gather(picture, widest(blur), stations, clear, shine);
+        stations.fit(expected, BLUR_BOUNDS, widest(blur), SWEEPS)
+    }
+
+    /// The line through what stations found, of which there were so many.
+    pub fn line(&self, steps: &[Step], count: usize, blur: f64) -> Result<SideFit, Weakness> {
+        let mut edges = edges(steps).ok_or(Weakness::TooFewEdges)?;
         if edges.len() < MINIMUM_STATIONS {
             return Err(if edges.len() * 2 < count { Weakness::NoContrast } else { Weakness::TooFewEdges });
         }
@@ -194,15 +226,24 @@ impl Side {
     /// The edges between the border and the bright cells behind it, for a side that is the border's inner one (its [`Behind`] lies outside then).
     /// The side must be within a fraction of a pixel of them.
     pub fn fit_bright_cells(&self, picture: &GreyPicture, expected: Profile, stations: &mut Stations) -> Vec<Edge> {
-        let Some(behind) = &self.behind else { return Vec::new() };
-        let blur = expected.blur;
-        let widest = WIDEST_GATE.max(3.0 * blur);
-        let clearance = CELL_CLEARANCE * blur / self.length;
+        self.fit_bright_stations(picture, expected, stations);
+        edges(&stations.steps()).unwrap_or_default()
+    }
+
+    /// The stations of these edges, to be measured in other pictures.
+    pub fn keep_bright_cells(&self, picture: &GreyPicture, expected: Profile, stations: &mut Stations) -> KeptStations {
+        let blur = self.fit_bright_stations(picture, expected, stations);
+        stations.keep(Profile { blur, ..expected }, widest(expected.blur), self.bright_inside, picture)
+    }
+
+    fn fit_bright_stations(&self, picture: &GreyPicture, expected: Profile, stations: &mut Stations) -> f64 {
+        let clearance = CELL_CLEARANCE * expected.blur / self.length;
         // The margin is what lies beyond the border.
-        let clear = |u: f64, _: [[f64; 2]; 2]| behind.is_bright(u / self.length, clearance);
-        self.gather(picture, widest, stations, clear, |_| 1.0);
-        stations.fit(expected, BLUR_BOUNDS, widest, SWEEPS);
-        edges(stations).unwrap_or_default()
+        let clear = |u: f64, _: [[f64; 2]; 2]| {
+            self.behind.as_ref().is_some_and(|behind| behind.is_bright(u / self.length, clearance))
+        };
+        self.gather(picture, widest(expected.blur), stations, clear, |_| 1.0);
+        stations.fit(expected, BLUR_BOUNDS, widest(expected.blur), SWEEPS)
     }
 
     /// The pixels near the side, in stations: from the rows or columns that are clear, by their place along the side and their first and last pixel. `shine` is
@@ -253,6 +294,7 @@ impl Side {
             stations.push(
                 [(u + from_centre * du) as f32, (from_centre * dd - bend) as f32],
                 [du as f32, dd as f32],
+                [first, stride],
                 values.map(|value| shade(*value)),
             );
             lines_in_station += 1;
@@ -267,10 +309,15 @@ impl Side {
     }
 }
 
+/// How far pixels may be from a side to be looked at, px.
+fn widest(blur: f64) -> f64 {
+    WIDEST_GATE.max(3.0 * blur)
+}
+
 /// The edges that stations found, with their weights.
-fn edges(stations: &Stations) -> Option<Vec<Edge>> {
-    let noise = pixel_noise(stations)?;
-    let believed = |step: Step| {
+pub(super) fn edges(steps: &[Step]) -> Option<Vec<Edge>> {
+    let noise = pixel_noise(steps)?;
+    let believed = |step: &Step| {
         let variance = step.information_inverse * noise + STATION_FLOOR.powi(2);
         (step.contrast > MINIMUM_CONTRAST && step.contrast > 3.0 * noise.sqrt() && variance < 0.25).then(|| Edge {
             u: step.u,
@@ -278,13 +325,13 @@ fn edges(stations: &Stations) -> Option<Vec<Edge>> {
             weight: 1.0 / variance,
         })
     };
-    Some(stations.steps().filter_map(believed).collect())
+    Some(steps.iter().filter_map(believed).collect())
 }
 
 /// Variance of a grey value about the fitted steps; the median station, so that a few bad ones do
 /// not spoil the weights of all.
-fn pixel_noise(stations: &Stations) -> Option<f64> {
-    let mut variances: Vec<f64> = stations.steps().map(|step| step.noise).collect();
+fn pixel_noise(steps: &[Step]) -> Option<f64> {
+    let mut variances: Vec<f64> = steps.iter().map(|step| step.noise).collect();
     if variances.is_empty() {
         return None;
     }

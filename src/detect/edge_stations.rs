@@ -17,12 +17,12 @@
 
 use pulp::{Simd, WithSimd};
 
-use super::wide::{LANES, Lanes, Wide, dispatch, lanes, normal, store};
+use super::wide::{LANES, Lanes, Truths, Wide, dispatch, lanes, normal, store};
 
 /// A distance that no gate lets in.
 const FAR: f32 = 1e3;
 /// Values are counted from the middle of the range, which keeps sums of squares small.
-const MIDDLE: f32 = 128.0;
+pub(super) const MIDDLE: f32 = 128.0;
 
 /// A blurred step at one station.
 #[derive(Debug, Clone, Copy)]
@@ -47,17 +47,17 @@ pub(super) struct Profile {
 
 /// Eight stations.
 #[derive(Debug, Clone, Copy)]
-struct Group {
+pub(super) struct Group {
     /// Where its samples begin.
-    first: usize,
+    pub first: usize,
     /// Sum of places along the side, then their mean.
-    u: Lanes,
+    pub u: Lanes,
     count: Lanes,
     /// Widths of the cells inside and outside, px.
     inner: Lanes,
     outer: Lanes,
     shine: Lanes,
-    edge: Lanes,
+    pub edge: Lanes,
     contrast: Lanes,
     projected: Lanes,
     noise: Lanes,
@@ -76,12 +76,27 @@ const EMPTY: Group = Group {
     noise: [0.0; LANES],
 };
 
+/// A row or a column of pixels, or a part of one.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Line {
+    /// Place of the first one in the picture, how far it is from one to the next there, how many.
+    pub first: usize,
+    pub stride: usize,
+    pub count: usize,
+    /// Where they stand among the samples, and their station's lane.
+    pub at: usize,
+    pub lane: usize,
+}
+
 /// The stations of one side.
 #[derive(Debug, Default)]
 pub(super) struct Stations {
-    groups: Vec<Group>,
-    distances: Vec<Lanes>,
+    pub groups: Vec<Group>,
+    pub distances: Vec<Lanes>,
     values: Vec<Lanes>,
+    /// Where the samples are from; those from `whole` on are of the station that is filling.
+    pub lines: Vec<Line>,
+    whole: usize,
     /// Stations so far; the last may still be filling.
     stations: usize,
     /// Samples in the station that is filling.
@@ -94,7 +109,8 @@ impl Stations {
         self.groups.clear();
         self.distances.clear();
         self.values.clear();
-        self.stations = 0;
+        self.lines.clear();
+        (self.whole, self.stations) = (0, 0);
         self.filling = 0;
     }
 
@@ -104,9 +120,15 @@ impl Stations {
     }
 
     /// Adds samples to the station that is filling: place along the side and distance outside it of the first one, what both grow by from
-    /// one to the next, and their grey values.
+    /// one to the next, where they are from, and their grey values.
     #[inline]
-    pub fn push(&mut self, first: [f32; 2], growth: [f32; 2], values: impl ExactSizeIterator<Item = f32>) {
+    pub fn push(
+        &mut self,
+        first: [f32; 2],
+        growth: [f32; 2],
+        [pixel, stride]: [usize; 2],
+        values: impl ExactSizeIterator<Item = f32>,
+    ) {
         let lane = self.stations % LANES;
         if self.filling == 0 && lane == 0 {
             self.groups.push(Group { first: self.distances.len(), ..EMPTY });
@@ -114,6 +136,7 @@ impl Stations {
         let Some(group) = self.groups.last_mut() else { return };
         let count = values.len();
         let at = group.first + self.filling;
+        self.lines.push(Line { first: pixel, stride, count, at, lane });
         if self.distances.len() < at + count {
             self.distances.resize(at + count, [FAR; LANES]);
             self.values.resize(at + count, [0.0; LANES]);
@@ -151,6 +174,7 @@ impl Stations {
         }
         self.stations += 1;
         self.filling = 0;
+        self.whole = self.lines.len();
     }
 
     /// Drops the station that is filling.
@@ -169,6 +193,7 @@ impl Stations {
                 self.groups.pop();
             }
         }
+        self.lines.truncate(self.whole);
         self.filling = 0;
     }
 
@@ -181,17 +206,23 @@ impl Stations {
     }
 
     /// What was found, a step a station; stations without a rise outwards are left out.
-    pub fn steps(&self) -> impl Iterator<Item = Step> {
-        self.groups.iter().flat_map(|group| {
-            (0..LANES).filter(|lane| group.projected[*lane] > 0.0).map(|lane| Step {
-                u: f64::from(group.u[lane]),
-                edge: f64::from(group.edge[lane]),
-                contrast: f64::from(group.contrast[lane]),
-                information_inverse: 1.0 / f64::from(group.projected[lane]),
-                noise: f64::from(group.noise[lane]),
-            })
-        })
+    pub fn steps(&self) -> Vec<Step> {
+        self.groups
+            .iter()
+            .flat_map(|group| steps(group.u, group.edge, [group.contrast, group.projected, group.noise]))
+            .collect()
     }
+}
+
+/// The steps of eight stations, from where they are, their edges, contrasts, what is known of the edges, and noise.
+pub(super) fn steps(u: Lanes, edge: Lanes, [contrast, information, noise]: [Lanes; 3]) -> impl Iterator<Item = Step> {
+    (0..LANES).filter(move |lane| information[*lane] > 0.0).map(move |lane| Step {
+        u: f64::from(u[lane]),
+        edge: f64::from(edge[lane]),
+        contrast: f64::from(contrast[lane]),
+        information_inverse: 1.0 / f64::from(information[lane]),
+        noise: f64::from(noise[lane]),
+    })
 }
 
 /// All stations of a side, fitted.
@@ -240,44 +271,16 @@ fn sweep_part<S: Simd>(
     [blur, tone]: [f32; 2],
     widest: f32,
 ) -> [f32; 2] {
-    let number = |value: f32| Wide::splat(simd, value);
-    let (zero, one) = (number(0.0), number(1.0));
-    let sharpness = number(1.0 / blur);
-    let toned = tone != 0.0;
-    let inner = lanes(simd, &group.inner, part);
+    let zero = Wide::splat(simd, 0.0);
     let edge = lanes(simd, &group.edge, part);
-    let shine = lanes(simd, &group.shine, part);
-    let shines = group.shine.iter().any(|shine| *shine > 0.0);
-    // Pixels may be used to where the next edge, one cell away, has faded.
-    let farthest = number(widest.min(4.5 * blur));
-    // The tone makes more of it on the one side than on the other.
-    let gate = |cell: Wide<S>, more: f32| {
-        (cell - number((2.0 + more.max(0.0)) * blur)).max(number(0.55 - 0.1 * more.max(0.0)) * cell).min(farthest)
-    };
-    let (low, high) = (-gate(inner, tone), gate(lanes(simd, &group.outer, part), -tone));
+    let shape = Shape::of(simd, group, part, [blur, tone], widest);
     // p: Phi, v: the value, g: the slope of Phi, h: its slope by the blur.
     let (mut n, mut p, mut pp, mut v, mut pv, mut vv) = (zero, zero, zero, zero, zero, zero);
     let (mut g, mut gp, mut gg, mut gv) = (zero, zero, zero, zero);
     let (mut h, mut hp, mut hh, mut hv) = (zero, zero, zero, zero);
     for (d, value) in distances.iter().zip(values) {
-        let d = lanes(simd, d, part);
-        let w = low.less(d).and(d.less(high)).choose(one, zero);
-        let z = (d - edge) * sharpness;
-        let (mut phi, mut density) = normal(simd, z);
-        let mut dh = density * z;
-        if shines {
-            let z = -(d + inner) * sharpness;
-            let (behind, density) = normal(simd, z);
-            phi = phi + shine * behind;
-            dh = dh + shine * density * z;
-        }
-        if toned {
-            let steeper = one + number(tone) * (one - phi - phi);
-            phi = phi + number(tone) * phi * (one - phi);
-            density = density * steeper;
-            dh = dh * steeper;
-        }
-        let (phi, slope, dh, x) = (w * phi, w * density, w * dh, w * lanes(simd, value, part));
+        let Seen { w, phi, slope, dh } = shape.at(simd, lanes(simd, d, part));
+        let x = w * lanes(simd, value, part);
         n = n + w;
         p = p + phi;
         pp = pp + phi * phi;
@@ -293,31 +296,158 @@ fn sweep_part<S: Simd>(
         hh = hh + dh * dh;
         hv = hv + dh * x;
     }
+    let sharpness = shape.sharpness;
     // The density is the slope of Phi in blurs.
     (g, gp, gg, gv) = (g * sharpness, gp * sharpness, gg * sharpness * sharpness, gv * sharpness);
-    let determinant = n * pp - p * p;
-    let enough = number(4.5).less(n).and((number(1e-3) * n).less(determinant));
-    let inverse = enough.choose(determinant, one).inverse();
-    let contrast = (n * pv - p * v) * inverse;
-    let dark = (v - contrast * p) * n.max(one).inverse();
-    let project =
-        |a: Wide<S>, ap: Wide<S>, aa: Wide<S>| aa - (pp * a * a - number(2.0) * p * a * ap + n * ap * ap) * inverse;
-    let square = contrast * contrast;
-    let information = square * project(g, gp, gg);
-    // Enough samples, a step among them, a rise outwards, and an edge within reach.
-    let sound = enough
-        .and(number(4.0).less(contrast))
-        .and((number(1e-6) * square * gg).less(information))
-        .and(edge.abs().less(number(widest)));
-    let gradient = -contrast * (gv - dark * g - contrast * gp);
-    let step = sound.choose(gradient * sound.choose(information, one).inverse(), zero);
-    let squares = vv - dark * v - contrast * pv - step * step * information;
-    store(&mut group.edge, part, edge + step.max(number(-1.0)).min(one));
+    let model = ModelSums { n, p, pp, g, gp, gg };
+    let Found { sound, dark, contrast, step, information, noise } =
+        model.solve(simd, ValueSums { v, pv, vv, gv }, edge, widest);
+    store(&mut group.edge, part, edge + step);
     store(&mut group.contrast, part, contrast);
-    store(&mut group.projected, part, sound.choose(information, zero));
-    store(&mut group.noise, part, squares.max(zero) * (n - number(3.0)).max(one).inverse());
+    store(&mut group.projected, part, information);
+    store(&mut group.noise, part, noise);
     let scale = contrast * sharpness;
     let gradient = -scale * (hv - dark * h - contrast * hp);
-    let curvature = square * sharpness * sharpness * project(h, hp, hh).max(zero);
+    let curvature = contrast * contrast * sharpness * sharpness * model.project(simd, [h, hp, hh]).max(zero);
     [sound.choose(gradient, zero).sum(), sound.choose(curvature, zero).sum()]
+}
+
+/// What some stations say of a pixel by its distance.
+pub(super) struct Shape<S: Simd> {
+    edge: Wide<S>,
+    inner: Wide<S>,
+    shine: Wide<S>,
+    shines: bool,
+    tone: f32,
+    /// Pixels farther in and out are not used.
+    low: Wide<S>,
+    high: Wide<S>,
+    pub sharpness: Wide<S>,
+}
+
+/// Whether a pixel is used (1 or 0), and where it is the step there, its slope by the distance in blurs, its slope by the blur.
+pub(super) struct Seen<S: Simd> {
+    pub w: Wide<S>,
+    pub phi: Wide<S>,
+    pub slope: Wide<S>,
+    pub dh: Wide<S>,
+}
+
+// Functions and no closures: only so does all of it get the wide instructions.
+impl<S: Simd> Shape<S> {
+    #[inline(always)]
+    pub fn of(simd: S, group: &Group, part: usize, [blur, tone]: [f32; 2], widest: f32) -> Self {
+        let inner = lanes(simd, &group.inner, part);
+        Self {
+            edge: lanes(simd, &group.edge, part),
+            inner,
+            shine: lanes(simd, &group.shine, part),
+            shines: group.shine.iter().any(|shine| *shine > 0.0),
+            tone,
+            low: -gate(simd, inner, [blur, tone], widest),
+            high: gate(simd, lanes(simd, &group.outer, part), [blur, -tone], widest),
+            sharpness: Wide::splat(simd, 1.0 / blur),
+        }
+    }
+
+    #[inline(always)]
+    pub fn at(&self, simd: S, d: Wide<S>) -> Seen<S> {
+        let number = |value: f32| Wide::splat(simd, value);
+        let (zero, one) = (number(0.0), number(1.0));
+        let w = self.low.less(d).and(d.less(self.high)).choose(one, zero);
+        let z = (d - self.edge) * self.sharpness;
+        let (mut phi, mut density) = normal(simd, z);
+        let mut dh = density * z;
+        if self.shines {
+            let z = -(d + self.inner) * self.sharpness;
+            let (behind, density) = normal(simd, z);
+            phi = phi + self.shine * behind;
+            dh = dh + self.shine * density * z;
+        }
+        if self.tone != 0.0 {
+            let steeper = one + number(self.tone) * (one - phi - phi);
+            phi = phi + number(self.tone) * phi * (one - phi);
+            density = density * steeper;
+            dh = dh * steeper;
+        }
+        Seen { w, phi: w * phi, slope: w * density, dh: w * dh }
+    }
+}
+
+/// How far from an edge pixels may be used: to where the next edge, one cell away, has faded. The tone makes more of it on the one side than on the other.
+#[inline(always)]
+fn gate<S: Simd>(simd: S, cell: Wide<S>, [blur, more]: [f32; 2], widest: f32) -> Wide<S> {
+    let number = |value: f32| Wide::splat(simd, value);
+    let more = more.max(0.0);
+    (cell - number((2.0 + more) * blur)).max(number(0.55 - 0.1 * more) * cell).min(number(widest.min(4.5 * blur)))
+}
+
+/// Sums over the pixels of some stations: how many, the step p, its slope g by the edge, and their products.
+#[derive(Clone, Copy)]
+pub(super) struct ModelSums<S: Simd> {
+    pub n: Wide<S>,
+    pub p: Wide<S>,
+    pub pp: Wide<S>,
+    pub g: Wide<S>,
+    pub gp: Wide<S>,
+    pub gg: Wide<S>,
+}
+
+/// Sums of the values v, and of their products with the same.
+pub(super) struct ValueSums<S: Simd> {
+    pub v: Wide<S>,
+    pub pv: Wide<S>,
+    pub vv: Wide<S>,
+    pub gv: Wide<S>,
+}
+
+/// One Gauss-Newton step at some stations; none, and no information, where they are not sound.
+pub(super) struct Found<S: Simd> {
+    pub sound: Truths<S>,
+    pub dark: Wide<S>,
+    pub contrast: Wide<S>,
+    pub step: Wide<S>,
+    pub information: Wide<S>,
+    pub noise: Wide<S>,
+}
+
+impl<S: Simd> ModelSums<S> {
+    #[inline(always)]
+    fn inverse(&self, simd: S) -> (Truths<S>, Wide<S>) {
+        let number = |value: f32| Wide::splat(simd, value);
+        let determinant = self.n * self.pp - self.p * self.p;
+        let enough = number(4.5).less(self.n).and((number(1e-3) * self.n).less(determinant));
+        (enough, enough.choose(determinant, number(1.0)).inverse())
+    }
+
+    /// The sum of squares of a slope, by its sum, its products with the step and its squares, without what dark and contrast explain.
+    #[inline(always)]
+    fn project(&self, simd: S, [a, ap, aa]: [Wide<S>; 3]) -> Wide<S> {
+        let two = Wide::splat(simd, 2.0);
+        aa - (self.pp * a * a - two * self.p * a * ap + self.n * ap * ap) * self.inverse(simd).1
+    }
+
+    #[inline(always)]
+    pub fn solve(&self, simd: S, values: ValueSums<S>, edge: Wide<S>, widest: f32) -> Found<S> {
+        let number = |value: f32| Wide::splat(simd, value);
+        let (zero, one) = (number(0.0), number(1.0));
+        let Self { n, p, g, gp, gg, .. } = *self;
+        let ValueSums { v, pv, vv, gv } = values;
+        let (enough, inverse) = self.inverse(simd);
+        let contrast = (n * pv - p * v) * inverse;
+        let dark = (v - contrast * p) * n.max(one).inverse();
+        let square = contrast * contrast;
+        let information = square * self.project(simd, [g, gp, gg]);
+        // Enough samples, a step among them, a rise outwards, and an edge within reach.
+        let sound = enough
+            .and(number(4.0).less(contrast))
+            .and((number(1e-6) * square * gg).less(information))
+            .and(edge.abs().less(number(widest)));
+        let gradient = -contrast * (gv - dark * g - contrast * gp);
+        let step = sound.choose(gradient * sound.choose(information, one).inverse(), zero);
+        let squares = vv - dark * v - contrast * pv - step * step * information;
+        let noise = squares.max(zero) * (n - number(3.0)).max(one).inverse();
+        let step = step.max(number(-1.0)).min(one);
+        Found { sound, dark, contrast, step, information: sound.choose(information, zero), noise }
+    }
 }

@@ -53,16 +53,21 @@ impl Shift {
         tone: f64,
         stations: &mut Stations,
     ) -> Option<Self> {
-        let unit = Projection::from_unit_square(ideal)?;
-        let cells = tag.cells?;
+        let inner = inner_sides(bender, tag, ideal)?;
+        let found = inner.iter().zip(fits).filter_map(|(inner, fit)| {
+            let (inner, fit) = (inner.as_ref()?, fit.as_ref().ok()?);
+            Some((inner.fit_bright_cells(picture, Profile { blur: fit.blur, tone }, stations), *fit))
+        });
+        Self::of_edges(found, tag.cells_per_side)
+    }
+
+    /// From the inner edges of sides and their outer lines.
+    pub fn of_edges(found: impl Iterator<Item = (Vec<Edge>, SideFit)>, cells_per_side: usize) -> Option<Self> {
         // A tag that looks larger by a shift on each side has its inner edges expected farther out by so much of it, and they have moved inwards.
-        let seen = 2.0 - 2.0 / tag.cells_per_side as f64;
+        let seen = 2.0 - 2.0 / cells_per_side as f64;
         // Edges in blurs, and what the outer lines' errors add to their mean.
         let (mut edges, mut outer, mut sum) = (Vec::new(), 0.0, 0.0);
-        for (side, fit) in fits.iter().enumerate() {
-            let Ok(fit) = fit else { continue };
-            let Some(inner) = inner_side(bender, &unit, side, tag, cells) else { continue };
-            let found = inner.fit_bright_cells(picture, Profile { blur: fit.blur, tone }, stations);
+        for (found, fit) in found {
             let scale = seen * fit.blur;
             let weight: f64 = found.iter().map(|edge| edge.weight * scale * scale).sum();
             outer += weight * weight * fit.offset_variance / (scale * scale);
@@ -85,6 +90,13 @@ impl Shift {
             ..fit
         }
     }
+}
+
+/// The border's inner edges along the sides of a tag whose cells are known and whose outer lines meet at `ideal`.
+pub(super) fn inner_sides(bender: &Bender<'_>, tag: &RoughTag<'_>, ideal: [[f64; 2]; 4]) -> Option<[Option<Side>; 4]> {
+    let unit = Projection::from_unit_square(ideal)?;
+    let cells = tag.cells?;
+    Some([0, 1, 2, 3].map(|side: usize| inner_side(bender, &unit, side, tag, cells)))
 }
 
 /// The border's inner edge along one side, looked at from the border: bright cells lie outside of it.

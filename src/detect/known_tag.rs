@@ -1,17 +1,23 @@
-//! A tag that was fitted in one picture, to be measured in others that show the same.
+//! A tag that was measured in one picture, to be measured in others that show the same.
 //!
-//! A robot stands still and several pictures are taken: from one to the next a tag moves by hundredths of a pixel, and over so little the fit of all cells
-//! ([`super::whole_tag`]) is linear. So the slopes of all pixels and the normal matrix are kept, and another picture costs two sums of
-//! slopes times residuals: one to bring the residuals to where they can be judged, one with robust weights. Each picture is measured by its own
-//! pixels alone: to first order nothing of the noise of the picture that the slopes are from is left.
+//! A robot stands still and several pictures are taken: from one to the next a tag moves by hundredths of a pixel. It need not be read again: its cells are
+//! looked at where they were, and must be as they were. And over so little the fit that measured it is linear: that of all cells
+//! ([`super::whole_tag`]), of which the slopes of all pixels and the normal matrix are kept, so that another picture costs two sums of
+//! slopes times residuals (one to bring the residuals to where they can be judged, one with robust weights); or that of lines along its sides
+//! ([`super::known_lines`]). Each picture is measured by its own pixels alone: to first order nothing of the noise of the picture that the slopes are from
+//! is left.
+
+use std::sync::Arc;
 
 use nalgebra::{SMatrix, SVector};
 
 use super::all_cells::in_picture;
 use super::edge_lines::{Refinement, Weakness};
+use super::known_lines::KnownLines;
 use super::lens::{Bender, Lens};
 use super::patterns::FoundTag;
 use super::picture::GreyPicture;
+use super::projection::Projection;
 use super::tag_pixels::Pixels;
 use super::tag_sums::{Slopes, UNKNOWNS, gradient};
 use super::tag_verdict::{BELIEVED, Judge, spread};
@@ -20,33 +26,62 @@ use super::wide::Lanes;
 use super::{Dictionary, ExpectedTag};
 
 /// Corners that move farther than this (px) are not where the slopes are right.
-const NEAR: f64 = 0.3;
+pub(super) const NEAR: f64 = 0.3;
 
 /// Corners found farther than this (px) from the tag's are another's.
 const SAME_PLACE: f64 = 1.0;
 
-/// A tag that was measured by all of its cells in one picture, ready to be measured in others that show the same.
+/// A tag that was measured in one picture, ready to be measured in others that show the same.
 #[derive(Debug, Clone)]
 pub struct KnownTag {
     tag: ExpectedTag,
-    fit: Linear,
+    bright_inside: bool,
+    cells: Arc<SeenCells>,
+    fit: Arc<Fit>,
+}
+
+/// How a tag was measured.
+#[derive(Debug)]
+pub(super) enum Fit {
+    /// By all of its cells at once.
+    Cells(Box<Linear>),
+    /// By lines along its sides.
+    Lines(Box<KnownLines>),
 }
 
 impl KnownTag {
-    /// A tag whose corners were measured by a fit; `None` if one of them was not.
-    pub(super) fn new(dictionary: Dictionary, id: u32, measured: &[Refinement; 4], fit: Linear) -> Option<Self> {
+    /// A tag whose corners were measured in a picture by a fit; `None` if one of them was not, or if its cells cannot be seen.
+    pub(super) fn new(
+        picture: &GreyPicture,
+        found: &FoundTag,
+        dictionary: Dictionary,
+        measured: &[Refinement; 4],
+        fit: Fit,
+    ) -> Option<Self> {
         let mut corners = [[0.0; 2]; 4];
         for (corner, measured) in corners.iter_mut().zip(measured) {
             let Refinement::Refined { pixel, .. } = measured else { return None };
             *corner = *pixel;
         }
-        Some(Self { tag: ExpectedTag { dictionary, id, corners }, fit })
+        Some(Self {
+            tag: ExpectedTag { dictionary, id: found.id, corners },
+            bright_inside: found.bright_inside,
+            cells: Arc::new(SeenCells::of(picture, corners, dictionary.edge_cells())?),
+            fit: Arc::new(fit),
+        })
     }
 
     /// Where it was.
     #[must_use]
     pub fn tag(&self) -> &ExpectedTag {
         &self.tag
+    }
+
+    /// The tag, if another picture shows the same cells in the same place.
+    pub(super) fn found_in(&self, picture: &GreyPicture) -> Option<FoundTag> {
+        let ExpectedTag { id, corners, .. } = self.tag;
+        let found = FoundTag { id, corners, bright_inside: self.bright_inside, close: true };
+        self.cells.are_in(picture).then_some(found)
     }
 
     /// Whether a tag that was found is this one where it was.
@@ -56,9 +91,46 @@ impl KnownTag {
             && self.tag.corners.iter().zip(&found.corners).all(near)
     }
 
-    /// Its corners in a picture that shows the same.
-    pub(super) fn measure(&self, picture: &GreyPicture, lens: Option<&dyn Lens>) -> Result<[Refinement; 4], Weakness> {
-        in_picture(&Bender(lens), self.fit.measure(picture)?)
+    /// How it is measured.
+    pub(super) fn fit(&self) -> &Fit {
+        &self.fit
+    }
+}
+
+/// How the cells of a tag and of one ring around it look.
+#[derive(Debug)]
+struct SeenCells {
+    /// Their middles in 1/65536 px, and their shades in 1/65536 grey levels.
+    cells: Vec<([i64; 2], i32)>,
+    /// How much a shade may change.
+    most: i32,
+}
+
+impl SeenCells {
+    /// Part of the step between dark and bright by which a cell may change: one that is another changes by all of it.
+    const CHANGE: f64 = 0.4;
+
+    fn of(picture: &GreyPicture, corners: [[f64; 2]; 4], edge: usize) -> Option<Self> {
+        let map = Projection::from_unit_square(corners)?;
+        let place = |k: usize| (k as f64 - 0.5) / edge as f64;
+        let all = (0..edge + 2).flat_map(|row| (0..edge + 2).map(move |column| map.map([place(column), place(row)])));
+        let cells: Vec<([i64; 2], i32)> = all
+            .filter_map(|at| {
+                let at = at.map(|place| (place * 65536.0) as i64);
+                Some((at, picture.sample_fixed(at[0], at[1])?))
+            })
+            .collect();
+        let mut shades: Vec<i32> = cells.iter().map(|cell| cell.1).collect();
+        shades.sort_unstable();
+        // The border and what is around it make up a quarter each, or more.
+        let [dark, bright] = [shades.len() / 8, shades.len() * 7 / 8].map(|k: usize| shades.get(k).copied());
+        Some(Self { cells, most: (Self::CHANGE * f64::from(bright? - dark?)) as i32 })
+    }
+
+    fn are_in(&self, picture: &GreyPicture) -> bool {
+        self.cells
+            .iter()
+            .all(|([x, y], shade)| picture.sample_fixed(*x, *y).is_some_and(|here| (here - shade).abs() <= self.most))
     }
 }
 
@@ -84,7 +156,11 @@ pub(super) struct Linear {
 
 impl Linear {
     /// The corners in another picture.
-    fn measure(&self, picture: &GreyPicture) -> Result<[IdealCorner; 4], Weakness> {
+    pub fn measure(&self, picture: &GreyPicture, lens: Option<&dyn Lens>) -> Result<[Refinement; 4], Weakness> {
+        in_picture(&Bender(lens), self.ideal_corners(picture)?)
+    }
+
+    fn ideal_corners(&self, picture: &GreyPicture) -> Result<[IdealCorner; 4], Weakness> {
         let pixels = self.pixels.of(picture).ok_or(Weakness::TooFewEdges)?;
         let mut residuals: Vec<Lanes> = pixels
             .groups
@@ -111,6 +187,7 @@ impl Linear {
             (pixel, covariances[k].map(|number| variance * number))
         }))
     }
+
     /// The step that follows on another, of which the residuals know nothing yet.
     fn step(&self, taken: [f64; UNKNOWNS], believed: f64, residuals: &mut [Lanes]) -> [f64; UNKNOWNS] {
         let mut gradient =

@@ -10,7 +10,7 @@
 //! * [`edge_lines`]: a tag's corners, from straight lines fitted to its border's edges.
 //! * `edge_tone`: what a camera's gamma and saturation do to edges, found and taken away.
 //! * `whole_tag`: the same, from all cells at once, where cells are only a few blurs wide.
-//! * `known_tag`: the same again in pictures that show the same.
+//! * `known_tag`, `known_lines`, `edge_kept`: either again in pictures that show the same.
 //! * [`saddle`]: a board's corners, from the crossing of two edges.
 //! * [`charuco`]: a ChArUco board's corners, from the tags on it.
 //! * [`checkerboard`]: which corner of a checkerboard is the first, and whether that can be known.
@@ -29,10 +29,12 @@ pub mod checkerboard;
 pub mod drawing;
 mod edge_behind;
 mod edge_fit;
+mod edge_kept;
 pub mod edge_lines;
 mod edge_side;
 mod edge_stations;
 mod edge_tone;
+mod known_lines;
 mod known_tag;
 mod lens;
 pub mod native;

@@ -8,7 +8,8 @@ use std::collections::BTreeMap;
 use super::all_cells::Measured;
 use super::charuco::CharucoBoard;
 use super::edge_lines::{Refinement, RoughTag, measure_tags, refine_tag};
-use super::known_tag::KnownTag;
+use super::known_lines::measure_lines;
+use super::known_tag::{Fit, KnownTag};
 use super::plane_map::PlaneMap;
 use super::saddle::{RoughCorner, refine_saddle};
 use super::{Corner, DetectError, Dictionary, GreyPicture, Lens, Pattern};
@@ -66,7 +67,7 @@ pub fn refine_found(
     measure_found(picture, lens, tags, false).into_iter().map(|(corners, _)| corners).collect()
 }
 
-/// The same; with `keep` also the fits of those tags that were measured by all of their cells.
+/// The same; with `keep` also what of their fits holds in other pictures that show the same.
 fn measure_found(
     picture: &GreyPicture,
     lens: Option<&dyn Lens>,
@@ -87,18 +88,25 @@ fn measure_known(
     known: &[KnownTag],
     keep: bool,
 ) -> Vec<Measured> {
-    let mut unknown = Vec::new();
-    let mut measured = Vec::with_capacity(tags.len());
-    for (tag, dictionary) in tags {
-        let known = known.iter().find(|known| known.is(tag, *dictionary));
-        let corners = known.and_then(|known| known.measure(picture, lens).ok());
-        if corners.is_none() {
-            unknown.push((*tag, *dictionary));
+    let mut measured: Vec<Option<[Refinement; 4]>> = vec![None; tags.len()];
+    let (mut places, mut lines) = (Vec::new(), Vec::new());
+    for (place, (tag, dictionary)) in tags.iter().enumerate() {
+        match known.iter().find(|known| known.is(tag, *dictionary)).map(KnownTag::fit) {
+            Some(Fit::Cells(fit)) => measured[place] = fit.measure(picture, lens).ok(),
+            Some(Fit::Lines(fit)) => {
+                places.push(place);
+                lines.push(&**fit);
+            }
+            None => {}
         }
-        measured.push(corners.map(|corners| (corners, None)));
     }
+    for (place, corners) in places.into_iter().zip(measure_lines(picture, lens, &lines).into_iter().flatten()) {
+        measured[place] = Some(corners);
+    }
+    let unknown: Vec<_> =
+        tags.iter().zip(&measured).filter(|(_, known)| known.is_none()).map(|(tag, _)| *tag).collect();
     let mut others = measure_found(picture, lens, &unknown, keep).into_iter();
-    measured.into_iter().filter_map(|corners| corners.or_else(|| others.next())).collect()
+    measured.into_iter().filter_map(|known| known.map(|corners| (corners, None)).or_else(|| others.next())).collect()
 }
 
 /// Finds patterns roughly.
@@ -196,7 +204,7 @@ pub(super) fn detect_with(
     let measured = measure_known(picture, lens, &tags, known, keep.is_some());
     for ((pattern, (tag, dictionary)), (refined, fit)) in patterns.iter().zip(&tags).zip(measured) {
         if let (Some(keep), Some(fit)) = (keep.as_deref_mut(), fit) {
-            keep.extend(KnownTag::new(*dictionary, tag.id, &refined, fit));
+            keep.extend(KnownTag::new(picture, tag, *dictionary, &refined, fit));
         }
         for (corner, refinement) in (0..).zip(refined) {
             if let Refinement::Refined { pixel, covariance } = refinement {

@@ -39,10 +39,12 @@ pub(super) fn push_fixed(text: &mut String, value: f64, decimals: usize) {
 
 /// As `{:.4e}`.
 pub(super) fn push_scientific(text: &mut String, value: f64) {
-    // The logarithm is a guess that may be one off at a power of ten: then the digits are too many or too few.
-    let exponent = value.abs().log10().floor();
-    let scaled =
-        if (-18.0..=4.0).contains(&exponent) { value.abs() * POWERS[(4.0 - exponent) as usize] } else { f64::NAN };
+    // From the power of two: a whole number that is right or one too small.
+    let two = (value.to_bits() >> 52 & 0x7ff) as i32 - 1023;
+    let least = (two * 1233) >> 12;
+    let scaled = |exponent: i32| POWERS.get((4 - exponent) as usize).map_or(f64::NAN, |power| value.abs() * power);
+    let exponent = if scaled(least) < 100_000.0 { least } else { least + 1 };
+    let scaled = scaled(exponent);
     match rounded(scaled) {
         Some(whole) if (10_000..100_000).contains(&whole) && scaled >= 10_000.0 => {
             if value < 0.0 {
@@ -52,10 +54,10 @@ pub(super) fn push_scientific(text: &mut String, value: f64) {
             text.push('.');
             push_whole(text, whole % 10_000, 4);
             text.push('e');
-            if exponent < 0.0 {
+            if exponent < 0 {
                 text.push('-');
             }
-            push_whole(text, exponent.abs() as u64, 1);
+            push_whole(text, u64::from(exponent.unsigned_abs()), 1);
         }
         _ => {
             let _ = write!(text, "{value:.4e}");
@@ -65,10 +67,11 @@ pub(super) fn push_scientific(text: &mut String, value: f64) {
 
 /// The whole number next to a positive one, if there is no doubt which it is.
 fn rounded(value: f64) -> Option<u64> {
-    let whole = value.floor();
-    let part = value - whole;
+    // Conversion to integers cuts towards zero and saturates.
+    let whole = value as u64;
+    let part = value - whole as f64;
     let sure = value < LARGEST && (part - 0.5).abs() > UNDECIDED;
-    sure.then(|| whole as u64 + u64::from(part > 0.5))
+    sure.then(|| whole + u64::from(part > 0.5))
 }
 
 /// A whole number with at least so many digits, which are 20 at most.
