@@ -330,3 +330,54 @@ fn add(matrix: &[f64], width: usize, (a, b): (&Span, &Span), to: &mut [f64], str
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Local columns that come after shared ones in the blocks, and shared ones in another order.
+    #[test]
+    fn stretches_go_where_they_belong_in_any_order() {
+        const WIDTH: usize = 9;
+        let spans =
+            [(0, 6, 2), (2, 0, 3), (5, 3, 3), (8, 8, 1)].map(|(compact, to, count)| Span { compact, to, count });
+        let matrix: Vec<f64> =
+            (0..WIDTH * WIDTH).map(|i| if i % WIDTH >= i / WIDTH { (i as f64).sin() } else { f64::NAN }).collect();
+        let mut found = vec![0.0; WIDTH * WIDTH];
+        for (i, a) in spans[..3].iter().enumerate() {
+            for b in &spans[i..] {
+                add(&matrix, WIDTH, (a, b), &mut found, WIDTH, (a.to, b.to));
+            }
+        }
+        let to: Vec<usize> = spans.iter().flat_map(|span| span.to..span.to + span.count).collect();
+        let mut expected = vec![0.0; WIDTH * WIDTH];
+        for i in 0..WIDTH - 1 {
+            for j in i..WIDTH {
+                expected[to[i].min(to[j]) * WIDTH + to[i].max(to[j])] += matrix[i * WIDTH + j];
+            }
+        }
+        assert_eq!(found, expected);
+    }
+
+    #[test]
+    fn a_factor_gives_the_matrix_and_is_refused_if_there_is_none() {
+        for n in [6, 12] {
+            let b: Vec<f64> = (0..n * n).map(|i| (1.3 * i as f64).cos()).collect();
+            let product = |a: &[f64], i: usize, j: usize| (0..n).map(|k| a[i * n + k] * a[j * n + k]).sum::<f64>();
+            let matrix: Vec<f64> =
+                (0..n * n).map(|i| product(&b, i / n, i % n) + f64::from(u8::from(i / n == i % n))).collect();
+            let mut l = matrix.clone();
+            assert!(cholesky(&mut l, n));
+            (0..n).for_each(|i| l[i * n + i + 1..(i + 1) * n].fill(0.0));
+            for (i, entry) in matrix.iter().enumerate() {
+                assert!((product(&l, i / n, i % n) - entry).abs() < 1e-12);
+            }
+            let mut indefinite = matrix.clone();
+            indefinite[n * n - 1] = -1.0;
+            assert!(!cholesky(&mut indefinite, n));
+            let mut no_number = matrix;
+            no_number[0] = f64::NAN;
+            assert!(!cholesky(&mut no_number, n));
+        }
+    }
+}
