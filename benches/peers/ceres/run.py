@@ -4,7 +4,8 @@
     benches/peers/ceres/run.py [--rounds N] [--long SECONDS] [--lens fixed|free] [--through COMMAND] [SIZE ...]
 
 Builds both (cargo; g++ with Debian's libceres-dev), writes each problem once, runs everybody in turn from the same start, and checks that all reach the same
-cost (1e-8 relative) and the same poses (1e-9 m). Ceres has two threads and the best of its linear solvers: the first round tries all that suit the size, later
+cost (1e-8 relative) and the same poses (1e-9 m). Where Ceres stopped too early for that, it runs once more to the last digit of the cost, and both distances are
+told. Ceres has two threads and the best of its linear solvers: the first round tries all that suit the size, later
 ones repeat the quickest. Each figure is the median of its rounds; what takes longer than --long is not repeated. On a machine with other work the
 processor's time says more than the wall's.
 
@@ -26,6 +27,10 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent.parent.parent
 SOLVERS = ["DENSE_SCHUR", "SPARSE_NORMAL_CHOLESKY", "DENSE_NORMAL_CHOLESKY"]
 LONGEST = 600
+# How near poses must be, m.
+CLOSE = 1e-9
+# A function tolerance that only a cost without another digit meets.
+TO_THE_LAST = "1e-17"
 
 
 def suits(size, way, solver):
@@ -121,11 +126,16 @@ def compare(size, lens, wanted, folder, ours, theirs):
         results = found[key]
         cost = max(abs(one["cost"] - own[-1]["cost"]) / own[-1]["cost"] for one in results)
         apart = farthest(folder / "cellmap", runs[key][-1])
-        good &= cost < 1e-8 and apart < 1e-9
+        told = f"{apart:.1e}"
+        if apart >= CLOSE and key[0] != "cellmap":
+            run([str(part) for part in runs[key]] + [TO_THE_LAST])
+            apart = farthest(folder / "cellmap", runs[key][-1])
+            told = f"{apart:.1e} ({told})"
+        good &= cost < 1e-8 and apart < CLOSE
         what = ["seconds", "processor_seconds", "build_seconds", "peak_mb"]
         seconds, processor, build, peak = (statistics.median(r.get(one, 0.0) for r in results) for one in what)
         print(f"| {size} | {lens} | {' '.join(key).strip()} | {len(results)} | {seconds:.4f} | {processor:.4f} | {build:.3f} | {results[-1]['iterations']} | "
-              f"{seconds / base:.1f} | {processor / processor_base:.1f} | {peak:.0f} | {cost:.1e} | {apart:.1e} |", flush=True)
+              f"{seconds / base:.1f} | {processor / processor_base:.1f} | {peak:.0f} | {cost:.1e} | {told} |", flush=True)
     return good
 
 

@@ -10,6 +10,7 @@
 #include <array>
 #include <chrono>
 #include <cstdio>
+#include <cstdlib>
 #include <fstream>
 #include <memory>
 #include <string>
@@ -231,8 +232,8 @@ struct CarefulPicture : ceres::CostFunction {
 };
 
 int main(int count, char** arguments) {
-    if (count != 5) {
-        std::fprintf(stderr, "solve FILE plain|careful LINEAR_SOLVER POSES\n");
+    if (count != 5 && count != 6) {
+        std::fprintf(stderr, "solve FILE plain|careful LINEAR_SOLVER POSES [FUNCTION_TOLERANCE]\n");
         return 2;
     }
     Problem input = read(arguments[1]);
@@ -277,7 +278,7 @@ int main(int count, char** arguments) {
     options.num_threads = 2;
     options.max_num_iterations = 100;
     // At 1e-12 Ceres stops 1e-9 m from the minimum; this is one step more.
-    options.function_tolerance = 1e-14;
+    options.function_tolerance = count == 6 ? std::atof(arguments[5]) : 1e-14;
     options.parameter_tolerance = 1e-13;
     options.gradient_tolerance = 1e-16;
     ceres::Solver::Summary summary;
