@@ -154,3 +154,41 @@ fn a_tag_is_found_on_every_row() {
         assert_eq!(found.iter().map(|tag| tag.id).collect::<Vec<_>>(), [7], "top row {top}");
     }
 }
+
+/// The sun beside it is brighter than the paper it is on by as much as the paper is than ink.
+#[test]
+fn a_tag_in_the_shade_beside_something_in_the_sun_is_found() {
+    let (width, height, cell) = (200, 160, 4);
+    // Of a dictionary whose tags have few cells a pixel more or less decides whether what is in the shade is believed.
+    for (dictionary, least) in
+        [(Dictionary::Aruco6x6_250, 8), (Dictionary::AprilTag36h11, 8), (Dictionary::Aruco4x4_50, 5)]
+    {
+        let (side, cells) = (dictionary.cells_per_side(), dictionary.cells(23).unwrap());
+        let found = (0..8).filter(|shift| {
+            let mut pixels = vec![250; width * height];
+            let edge = (side + 2) * cell;
+            for (row, column) in (0..edge).flat_map(|row| (0..edge).map(move |column| (row, column))) {
+                let inside = |at: usize| (at / cell).checked_sub(1).filter(|at| *at < side);
+                let ink =
+                    matches!((inside(row), inside(column)), (Some(row), Some(column)) if !cells[row * side + column]);
+                pixels[(50 + shift + row) * width + 60 + 3 * shift + column] = if ink { 20 } else { 125 };
+            }
+            let picture = GreyPicture::new(width, height, pixels).unwrap();
+            let found = NativeDetector::new().find_tags(&picture, &[dictionary]).remove(0);
+            assert!(found.iter().all(|tag| tag.id == 23), "{found:?}");
+            found.len() == 1
+        });
+        let found = found.count();
+        assert!(found >= least, "{dictionary}: {found} of 8");
+    }
+}
+
+/// Patterns that are tags by chance if little light is enough.
+#[test]
+fn clutter_in_the_shade_is_no_tag() {
+    for (dictionary, seed) in [(Dictionary::AprilTag36h11, 167), (Dictionary::Aruco4x4_1000, 252)] {
+        let (picture, _) = Scene { dictionary, tags: 0, clutter: true, ..USUAL }.render(seed, None);
+        let found = NativeDetector::new().find_tags(&picture, &[dictionary]).remove(0);
+        assert!(found.is_empty(), "{dictionary}, picture {seed}: {found:?}");
+    }
+}

@@ -29,7 +29,7 @@ pub(super) struct Demo {
 
 impl Demo {
     pub(super) fn run(self) -> Result<ExitCode, InputError> {
-        let detector = super::detect::Finder::default().make(false, false, &self.out)?;
+        let detector = super::detect::Finder::default().make(false, &self.out)?;
         let (drawing, detecting) = (progress_bar("rendering"), progress_bar("detecting"));
         let move_to = |bar: &indicatif::ProgressBar, done: usize, all: usize| {
             bar.set_length(all as u64);

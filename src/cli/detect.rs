@@ -33,7 +33,7 @@ pub(super) struct Detect {
     /// Also find tags printed with black and white exchanged
     #[arg(long)]
     inverted: bool,
-    /// Also find tags in the shade, beside what is lit
+    /// Changes nothing: tags in the shade, beside what is lit, are always looked for
     #[arg(long)]
     shade: bool,
     /// A solution of this cell: tags are first looked for where it says that they are
@@ -53,9 +53,12 @@ const NAMED_FAILURES: usize = 10;
 impl Detect {
     pub(super) fn run(self) -> Result<ExitCode, InputError> {
         use_threads(self.threads);
+        if self.shade {
+            eprintln!("note: --shade changes nothing any more: tags in the shade are always looked for");
+        }
         let layout = self.common.read()?;
         let out = self.out.clone().unwrap_or_else(|| layout.recording.join(DEFAULT_DETECTIONS));
-        let detector = self.detector.make(self.inverted, self.shade, &layout.file)?;
+        let detector = self.detector.make(self.inverted, &layout.file)?;
         let bar = progress_bar("detecting");
         let progress = |done: usize, all: usize| {
             bar.set_length(all as u64);
@@ -102,16 +105,11 @@ pub(super) enum Finder {
 impl Finder {
     /// # Errors
     /// When the program was built without it, or it cannot find inverted tags.
-    pub(super) fn make(
-        self,
-        inverted: bool,
-        shade: bool,
-        layout: &std::path::Path,
-    ) -> Result<Box<dyn Detector>, InputError> {
+    pub(super) fn make(self, inverted: bool, layout: &std::path::Path) -> Result<Box<dyn Detector>, InputError> {
         match self {
             Self::Native => {
                 let detector = if inverted { NativeDetector::with_inverted() } else { NativeDetector::new() };
-                Ok(Box::new(if shade { detector.in_shade_too() } else { detector }))
+                Ok(Box::new(detector))
             }
             Self::Opencv if inverted => Err(cellmap::complaint::Complaint::of(
                 layout,

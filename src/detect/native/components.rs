@@ -6,11 +6,14 @@
 //! collected. Clutter costs a few nanoseconds a run.
 
 use std::cell::RefCell;
+use std::ops::Range;
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
+use super::darker::{Darker, WORD};
 use super::tiles::{TILE, Tiles};
 use crate::detect::picture::GreyPicture;
+use crate::detect::wide::dispatch;
 
 /// A patch that is longer than this many px in one direction may be a tag, if in neither it is smaller than its cells can be seen.
 const LEAST_LONG: u32 = 8;
@@ -87,31 +90,26 @@ impl Runs {
         (self.above, self.here) = (0, 0);
     }
 
-    #[inline(always)]
-    fn push(&mut self, start: u32, end: u32) {
-        self.runs.push(Run { start, end, label: 0 });
-    }
-
     /// Unites the runs of the row that just ended with those above it.
     fn end_row(&mut self) {
         let row = self.rows.len() as u32 - 1;
         let end = self.runs.len();
         let (old, new) = self.runs.split_at_mut(self.here);
-        let mut above = old.get(self.above..).unwrap_or(&[]);
+        let above = old.get(self.above..).unwrap_or(&[]);
+        let touching = |at: usize, run: &Run| above.get(at).filter(|other| other.start <= run.end);
+        let mut at = 0;
         for run in new {
-            while let [first, rest @ ..] = above
-                && first.end < run.start
-            {
-                above = rest;
+            while above.get(at).is_some_and(|other| other.end < run.start) {
+                at += 1;
             }
-            let mut mine = None;
-            for other in above.iter().take_while(|other| other.start <= run.end) {
+            let mut mine = touching(at, run).map(|other| root(&mut self.labels, other.label));
+            // The last one that touches may touch the next run too.
+            while let (Some(first), Some(other)) = (mine, touching(at + 1, run)) {
                 let other = root(&mut self.labels, other.label);
-                mine = Some(match mine {
-                    None => other,
-                    Some(mine) if mine == other => mine,
-                    Some(mine) => unite(&mut self.labels, mine, other),
-                });
+                if other != first {
+                    mine = Some(unite(&mut self.labels, first, other));
+                }
+                at += 1;
             }
             let area = run.end - run.start;
             run.label = mine.unwrap_or(self.labels.len() as u32);
@@ -137,7 +135,7 @@ impl Runs {
     }
 
     /// Keeps the patches that may be tags.
-    fn patches(&mut self, width: u32, shortest: u32) -> Patches {
+    fn patches(&mut self, width: u32, shortest: u32, tiles: &Tiles) -> Patches {
         const NONE: u32 = u32::MAX;
         let height = self.rows.len() as u32 - 1;
         let mut found = Patches::default();
@@ -156,7 +154,8 @@ impl Runs {
             let kept = whole
                 && across.max(down) >= LEAST_LONG
                 && across.min(down) >= shortest
-                && u64::from(label.area) * 4 >= u64::from(across + down) * 5;
+                && u64::from(label.area) * 4 >= u64::from(across + down) * 5
+                && tiles.want(label.left..label.right, label.top..label.bottom + 1);
             places.push(if kept { total + (height - label.top) } else { NONE });
             if kept {
                 found.patches.push([label.top, total, down, label.area]);
@@ -226,7 +225,7 @@ pub(super) fn patches(picture: &GreyPicture, tiles: &Tiles, wanted: Wanted) -> [
         let width = picture.width() as u32;
         // A pixel a cell, and half a pixel may be lost on either side.
         let shortest = (wanted.fewest_cells as u32).saturating_sub(1);
-        let found = [dark.patches(width, shortest), bright.patches(width, shortest)];
+        let found = [dark.patches(width, shortest, tiles), bright.patches(width, shortest, tiles)];
         for runs in [dark, bright] {
             // A giant picture's memory is not kept.
             runs.runs.shrink_to(1 << 18);
@@ -245,6 +244,9 @@ pub(super) struct Wanted {
     pub fewest_cells: usize,
 }
 
+/// Words without contrast that are looked at with those beside them rather than left out.
+const GAP: usize = 2;
+
 fn collect<const DARK: bool, const BRIGHT: bool>(
     picture: &GreyPicture,
     tiles: &Tiles,
@@ -254,35 +256,49 @@ fn collect<const DARK: bool, const BRIGHT: bool>(
     let (width, height) = (picture.width(), picture.height());
     dark_runs.clear();
     bright_runs.clear();
-    let padded = tiles.columns * TILE;
-    let (mut levels, mut flags) = (vec![0u8; padded], vec![0u8; padded.next_multiple_of(WORD)]);
-    let mut spans: Vec<std::ops::Range<usize>> = Vec::new();
-    let arch = Arch::new();
+    let count = width.div_ceil(WORD);
+    let mut levels = vec![0u8; count * WORD];
+    // Bit by bit: where there is contrast, and what is dark.
+    let (mut contrast, mut words) = (vec![0u64; count], vec![0u64; count]);
+    let mut spans: Vec<Range<usize>> = Vec::new();
+    let mut changes = vec![0; (count + 2) * WORD];
+    let darker = Darker::new();
     for row in 0..height {
         if row % TILE == 0 {
             let first = row / TILE * tiles.columns;
             let thresholds = tiles.thresholds.get(first..first + tiles.columns).unwrap_or(&[]);
-            spans.clear();
-            let mut begin = 0;
-            for part in thresholds.chunk_by(|a, b| (*a == 0) == (*b == 0)) {
-                if part[0] != 0 {
-                    spans.push(begin * TILE..((begin + part.len()) * TILE).min(width));
-                }
-                begin += part.len();
-            }
             for (eight, threshold) in levels.chunks_exact_mut(TILE).zip(thresholds) {
                 eight.fill(*threshold);
+            }
+            for (word, eight) in contrast.iter_mut().zip(thresholds.chunks(WORD / TILE)) {
+                *word = eight
+                    .iter()
+                    .rev()
+                    .fold(0, |word, threshold| (word << TILE) | if *threshold == 0 { 0 } else { 0xff });
+            }
+            if !width.is_multiple_of(WORD) {
+                contrast[count - 1] &= (1 << (width % WORD)) - 1;
+            }
+            spans.clear();
+            for at in (0..count).filter(|at| contrast[*at] != 0) {
+                match spans.last_mut() {
+                    Some(span) if at <= span.end + GAP => span.end = at + 1,
+                    _ => spans.push(at..at + 1),
+                }
             }
         }
         let pixels = picture.pixels().get(row * width..(row + 1) * width).unwrap_or(&[]);
         for span in &spans {
-            let (pixels, levels) = (&pixels[span.clone()], &levels[span.clone()]);
-            let flags = &mut flags[..pixels.len().next_multiple_of(WORD)];
-            arch.dispatch(Darker { pixels, levels, flags });
-            // Padding repeats the last pixel, so that a bright run does not end early and a dark one not late.
-            let last = flags[pixels.len() - 1];
-            flags[pixels.len()..].fill(last);
-            cut::<DARK, BRIGHT>(flags, span.clone(), dark_runs, bright_runs);
+            let (begin, end) = (span.start * WORD, (span.end * WORD).min(width));
+            let words = &mut words[span.clone()];
+            darker.compare(&pixels[begin..end], &levels[begin..end], words);
+            if DARK {
+                cut(words, begin as u32, end as u32, &mut changes, dark_runs);
+            }
+            if BRIGHT {
+                words.iter_mut().zip(&contrast[span.clone()]).for_each(|(word, contrast)| *word = !*word & contrast);
+                cut(words, begin as u32, end as u32, &mut changes, bright_runs);
+            }
         }
         if DARK {
             dark_runs.end_row();
@@ -293,66 +309,47 @@ fn collect<const DARK: bool, const BRIGHT: bool>(
     }
 }
 
-/// 1 where a pixel is darker than its level, else 0.
-struct Darker<'a> {
-    pixels: &'a [u8],
-    levels: &'a [u8],
-    flags: &'a mut [u8],
+/// Cuts a part of a row into runs of pixels whose bits are set.
+fn cut(words: &[u64], begin: u32, end: u32, changes: &mut [u32], runs: &mut Runs) {
+    let mut count = dispatch(Changes { words, begin, places: &mut *changes });
+    if count % 2 == 1 {
+        changes[count] = end;
+        count += 1;
+    }
+    let ends = changes[..count].as_chunks::<2>().0;
+    runs.runs.extend(ends.iter().map(|[start, end]| Run { start: *start, end: *end, label: 0 }));
 }
 
-impl WithSimd for Darker<'_> {
-    type Output = ();
+/// The places where the bits of some words change, which are unset before the first; their number.
+struct Changes<'a> {
+    words: &'a [u64],
+    begin: u32,
+    /// Two words more than the words have bits.
+    places: &'a mut [u32],
+}
+
+impl WithSimd for Changes<'_> {
+    type Output = usize;
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        for ((flag, value), level) in self.flags.iter_mut().zip(self.pixels).zip(self.levels) {
-            *flag = u8::from(value < level);
-        }
-    }
-}
-
-/// Pixels that [`cut`] looks at together.
-const WORD: usize = 64;
-
-/// Cuts a span of a row into runs. `flags` is padded with its last value to whole words.
-fn cut<const DARK: bool, const BRIGHT: bool>(
-    flags: &[u8],
-    span: std::ops::Range<usize>,
-    dark: &mut Runs,
-    bright: &mut Runs,
-) {
-    let (mut begin, mut at) = (span.start as u32, span.start as u32);
-    // The last pixel of the word before.
-    let mut shade = u64::from(flags.first().copied().unwrap_or(0));
-    for word in flags.chunks_exact(WORD) {
-        // Byte i of an eight, which is 0 or 1, becomes bit i of the highest byte.
-        let bits = word.chunks_exact(8).rev().fold(0, |bits, eight| {
-            let eight = eight.try_into().map_or(0, u64::from_le_bytes);
-            (bits << 8) | (eight.wrapping_mul(0x0102_0408_1020_4080) >> 56)
-        });
-        let mut changes = bits ^ ((bits << 1) | shade);
-        while changes != 0 {
-            let bit = changes.trailing_zeros();
-            let place = at + bit;
-            if (bits >> bit) & 1 == 0 {
-                if DARK {
-                    dark.push(begin, place);
+    fn with_simd<S: Simd>(self, _: S) -> usize {
+        const AT_ONCE: usize = 6;
+        let (mut count, mut at, mut last) = (0, self.begin, 0);
+        for word in self.words {
+            let mut changes = word ^ ((word << 1) | last);
+            let all = changes.count_ones() as usize;
+            let places = &mut self.places[count..count + WORD + AT_ONCE];
+            // Some at once, whether there are so many or not: asking each time is what costs.
+            for some in places.chunks_exact_mut(AT_ONCE).take(all.div_ceil(AT_ONCE)) {
+                for place in some {
+                    *place = at + changes.trailing_zeros();
+                    changes &= changes.wrapping_sub(1);
                 }
-            } else if BRIGHT {
-                bright.push(begin, place);
             }
-            begin = place;
-            changes &= changes - 1;
+            count += all;
+            last = word >> (WORD - 1);
+            at += WORD as u32;
         }
-        shade = bits >> (WORD - 1);
-        at += WORD as u32;
-    }
-    // Padding repeats the last flag and so changes nothing.
-    let end = span.end as u32;
-    if shade == 1 && DARK {
-        dark.push(begin, end);
-    }
-    if shade == 0 && BRIGHT {
-        bright.push(begin, end);
+        count
     }
 }

@@ -6,10 +6,9 @@
 //! 2. [`components`]: dark and bright patches, from runs of pixels, with the extents of those of a tag's size.
 //! 3. [`outline`]: the quadrangle that a patch fills, if it fills one, settled on the grey values.
 //! 4. [`reading`] and [`codebook`]: its rings, its cells, its id.
+//! 5. [`shade`]: the same once more, by thresholds of their own, where something may stand in the shade of something bright.
 //!
 //! Checkerboards: [`crossings`] are where their corners may be, [`grid`] puts them together.
-//!
-//! Where asked, tags in the shade of something bright are looked for by thresholds of their own.
 //!
 //! Pictures that show the same are known by their tiles ([`Sight`]) and need not be searched twice.
 //!
@@ -18,9 +17,11 @@
 mod codebook;
 mod components;
 mod crossings;
+mod darker;
 mod grid;
 mod outline;
 mod reading;
+mod shade;
 mod sight;
 mod tiles;
 
@@ -38,7 +39,6 @@ use tiles::Tiles;
 #[derive(Debug, Clone, Copy, Default)]
 pub struct NativeDetector {
     inverted: bool,
-    shade: bool,
 }
 
 impl NativeDetector {
@@ -51,14 +51,7 @@ impl NativeDetector {
     /// Finds tags printed with black and white exchanged too. The search then takes up to twice as long.
     #[must_use]
     pub fn with_inverted() -> Self {
-        Self { inverted: true, ..Self::default() }
-    }
-
-    /// Finds tags in the shade too, beside something that lies in the light: a second look, by thresholds of the shaded places alone. The
-    /// search then takes up to twice as long.
-    #[must_use]
-    pub fn in_shade_too(self) -> Self {
-        Self { shade: true, ..self }
+        Self { inverted: true }
     }
 
     /// Every tag of some dictionaries in a picture, an id as often as it is seen; in the order of `dictionaries`.
@@ -70,15 +63,22 @@ impl NativeDetector {
         let mut found: Vec<Vec<FoundTag>> = vec![Vec::new(); books.len()];
         let extremes = tiles::tile_extremes(picture);
         let tiles = tiles::tiles(&extremes);
-        self.look(picture, &tiles, &books, &mut found);
-        if self.shade {
-            self.look(picture, &tiles::in_shade(&extremes, &tiles), &books, &mut found);
+        self.look(picture, &tiles, &books, false, &mut found);
+        if let Some(shade) = shade::in_shade(picture, &extremes, &tiles) {
+            self.look(picture, &shade, &books, true, &mut found);
         }
         found
     }
 
-    /// Adds what is found by some thresholds and was not found before.
-    fn look(&self, picture: &GreyPicture, tiles: &Tiles, books: &[&Codebook], found: &mut [Vec<FoundTag>]) {
+    /// Adds what is found by some thresholds and was not found before; `doubtful` if they were taken of little.
+    fn look(
+        &self,
+        picture: &GreyPicture,
+        tiles: &Tiles,
+        books: &[&Codebook],
+        doubtful: bool,
+        found: &mut [Vec<FoundTag>],
+    ) {
         let looked_for = |book: &Codebook, bright: bool| self.inverted || book.bright_inside == bright;
         let [dark, bright] = [false, true].map(|bright| books.iter().any(|book| looked_for(book, bright)));
         let fewest_cells = books.iter().map(|book| book.edge).min().unwrap_or(0);
@@ -96,7 +96,7 @@ impl NativeDetector {
                 let Some(quad) = outline::settle(picture, quad, bright_inside) else { continue };
                 let suited = books.iter().zip(found.iter_mut()).filter(|(book, _)| looked_for(book, bright_inside));
                 for (book, found) in suited {
-                    if let Some(read) = reader.read(picture, quad, bright_inside, book) {
+                    if let Some(read) = reader.read(picture, quad, bright_inside, book, doubtful) {
                         found.push(FoundTag { id: read.id, corners: read.corners, bright_inside, close: true });
                     }
                 }
@@ -118,7 +118,7 @@ impl NativeDetector {
         let shades = [book.bright_inside, !book.bright_inside];
         shades.into_iter().take(if self.inverted { 2 } else { 1 }).find_map(|bright_inside| {
             let quad = outline::settle(picture, expected.corners, bright_inside)?;
-            let read = reader.read(picture, quad, bright_inside, book)?;
+            let read = reader.read(picture, quad, bright_inside, book, false)?;
             // Its first corner is the one that was expected.
             (read.id == expected.id && read.corners == quad).then_some(FoundTag {
                 id: read.id,
@@ -191,12 +191,7 @@ impl Finder for Told<'_> {
 
 impl Detector for NativeDetector {
     fn name(&self) -> &'static str {
-        match (self.inverted, self.shade) {
-            (false, false) => "native",
-            (true, false) => "native, inverted too",
-            (false, true) => "native, in shade too",
-            (true, true) => "native, inverted and in shade too",
-        }
+        if self.inverted { "native, inverted too" } else { "native" }
     }
 
     fn detect(

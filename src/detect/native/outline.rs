@@ -24,9 +24,9 @@ pub(super) fn quadrangle(patch: &Patch<'_>, hull: &mut Vec<[i64; 2]>) -> Option<
     let filled: u64 =
         patch.left.iter().zip(patch.right).map(|(left, right)| u64::from(right.saturating_sub(*left))).sum();
     let filled = filled as f64;
-    // Nothing white within: no code. A tag's border alone is a quarter of it or more.
+    // Nothing white within: no code. A tag's border alone is two fifths of it or more, less what blur takes away.
     let area = f64::from(patch.area);
-    if area > 0.985 * filled || area < 0.1 * filled {
+    if area > 0.985 * filled || area < 0.2 * filled {
         return None;
     }
     convex_hull(patch, hull);

@@ -45,8 +45,16 @@ pub(super) struct Reader {
 impl Reader {
     /// Reads one quadrangle as a tag of one family.
     ///
-    /// `bright` tells whether the quadrangle is bright inside its edge.
-    pub fn read(&mut self, picture: &GreyPicture, quad: Quad, bright: bool, book: &Codebook) -> Option<Read> {
+    /// `bright` tells whether the quadrangle is bright inside its edge. A `doubtful` one, which hardly shows, is believed only if
+    /// no cell need be mended, and of a small dictionary only if its cells keep their shade up to their corners.
+    pub fn read(
+        &mut self,
+        picture: &GreyPicture,
+        quad: Quad,
+        bright: bool,
+        book: &Codebook,
+        doubtful: bool,
+    ) -> Option<Read> {
         let around = (book.side - book.edge) / 2;
         // With the margin, where the pattern has no data around its border.
         let rim = if around == 0 { 1 } else { around };
@@ -86,7 +94,7 @@ impl Reader {
         {
             return None;
         }
-        let most_wrong = book.most_wrong;
+        let most_wrong = if doubtful { 0 } else { book.most_wrong };
         let soft = size < SHARPENED_BELOW;
         let plain = self.identify(&shades, book, side, rim, false, soft, most_wrong);
         let found = match plain {
@@ -104,7 +112,7 @@ impl Reader {
         };
         let (id, turns, _) = found?;
         // A dark box with a white label is a tag of a small dictionary, but for where its edges lie. Some tags look like nothing else.
-        let plain = book.is_plain(id);
+        let plain = book.is_plain(id) || (doubtful && bits < 25);
         if plain && size < PLAIN_FROM {
             return None;
         }

@@ -7,6 +7,8 @@
 //!
 //! Extremes are taken of the mean of 2 x 2 pixels: it halves the noise, so that noise alone is not contrast.
 
+use std::ops::Range;
+
 use pulp::{Simd, WithSimd};
 
 use crate::detect::picture::GreyPicture;
@@ -16,8 +18,6 @@ use crate::detect::wide::dispatch;
 pub(super) const TILE: usize = 8;
 /// Grey levels between the darkest and the brightest around a tile below which it is flat.
 pub(super) const FLAT: u8 = 18;
-/// Grey levels between the darkest and the brightest of a tile in the shade.
-const SHADED: u8 = 30;
 
 /// A threshold a tile.
 #[derive(Debug, Default)]
@@ -26,6 +26,21 @@ pub(super) struct Tiles {
     pub columns: usize,
     /// Row by row: a pixel darker than this is dark. 0 where it is flat.
     pub thresholds: Vec<u8>,
+    /// Tiles of which a patch has to have one; empty if it need not.
+    pub wanted: Vec<bool>,
+}
+
+impl Tiles {
+    /// Whether a patch may reach into a tile that is wanted: by the box around it, of pixels.
+    pub fn want(&self, across: Range<u32>, down: Range<u32>) -> bool {
+        let tiles = |range: Range<u32>| range.start as usize / TILE..(range.end as usize).div_ceil(TILE);
+        let (across, mut down) = (tiles(across), tiles(down));
+        self.wanted.is_empty()
+            || down.any(|row| {
+                let part = row * self.columns + across.start..row * self.columns + across.end;
+                self.wanted.get(part).is_some_and(|tiles| tiles.contains(&true))
+            })
+    }
 }
 
 /// Darkest and brightest 2 x 2 mean of each tile, row by row.
@@ -65,32 +80,11 @@ pub(super) fn tiles(extremes: &Extremes) -> Tiles {
         .iter()
         .zip(&brightest)
         .map(|(low, high)| if high.saturating_sub(*low) < FLAT { 0 } else { middle(*low, *high) });
-    Tiles { columns, thresholds: thresholds.collect() }
+    Tiles { columns, thresholds: thresholds.collect(), wanted: Vec::new() }
 }
 
-/// The thresholds where something much brighter beside a tile hid what contrast it has: by the extremes of such tiles alone. Elsewhere as they were.
-pub(super) fn in_shade(extremes: &Extremes, tiles: &Tiles) -> Tiles {
-    let columns = extremes.columns;
-    let (mut darkest, mut brightest) = (extremes.darkest.clone(), extremes.brightest.clone());
-    for ((low, high), threshold) in darkest.iter_mut().zip(&mut brightest).zip(&tiles.thresholds) {
-        let range = high.saturating_sub(*low);
-        // All but a tenth of its range is dark.
-        if range < SHADED || *threshold < *high - range / 10 {
-            (*low, *high) = (u8::MAX, 0);
-        }
-    }
-    widen::<false>(&mut darkest, columns);
-    widen::<true>(&mut brightest, columns);
-    let thresholds = tiles
-        .thresholds
-        .iter()
-        .zip(darkest.iter().zip(&brightest))
-        .map(|(threshold, (low, high))| if low < high { middle(*low, *high) } else { *threshold });
-    Tiles { columns, thresholds: thresholds.collect() }
-}
-
-/// A pixel darker than this is dark.
-fn middle(low: u8, high: u8) -> u8 {
+/// Half-way between dark and bright: a pixel darker than this is dark.
+pub(super) fn middle(low: u8, high: u8) -> u8 {
     low + (high - low) / 2 + 1
 }
 
