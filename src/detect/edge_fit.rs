@@ -43,8 +43,8 @@ pub(super) struct Edge {
 ///
 /// `least_scale` (px) keeps a perfect picture from rejecting its own stations.
 pub(super) fn fit_line(edges: &mut Vec<Edge>, least_scale: f64) -> Option<(SideFit, f64)> {
-    let mut factors = vec![1.0; edges.len()];
-    let mut line = weighted_line(edges, &factors)?;
+    let mut factors = Vec::new();
+    let mut line = weighted_line(edges, None)?;
     let mut distances: Vec<f64> = Vec::with_capacity(edges.len());
     let mut scale = least_scale;
     for iteration in 0..6 {
@@ -57,18 +57,17 @@ pub(super) fn fit_line(edges: &mut Vec<Edge>, least_scale: f64) -> Option<(SideF
         if iteration == 0 && edges.iter().all(|edge| (edge.offset - line.at(edge.u)).abs() <= 3.0 * scale) {
             break;
         }
-        for (factor, edge) in factors.iter_mut().zip(edges.iter()) {
+        factors.clear();
+        factors.extend(edges.iter().map(|edge| {
             let r = (edge.offset - line.at(edge.u)).abs() / scale;
             // First by absolute value, which cannot be led astray; then Tukey's, which forgets outliers.
-            *factor = if iteration < 2 { 1.0 / r.max(0.5) } else { (1.0 - (r / 4.7).powi(2)).max(0.0).powi(2) };
-        }
-        line = weighted_line(edges, &factors)?;
+            if iteration < 2 { 1.0 / r.max(0.5) } else { (1.0 - (r / 4.7).powi(2)).max(0.0).powi(2) }
+        }));
+        line = weighted_line(edges, Some(&factors))?;
     }
     // What remains is fitted plainly, so that its scatter means what it says.
     edges.retain(|edge| (edge.offset - line.at(edge.u)).abs() <= 3.5 * scale);
-    factors.clear();
-    factors.resize(edges.len(), 1.0);
-    let mut line = weighted_line(edges, &factors)?;
+    let mut line = weighted_line(edges, None)?;
     let freedom = edges.len() as f64 - 2.0;
     if freedom < 1.0 {
         return None;
@@ -87,8 +86,11 @@ pub(super) fn fit_line(edges: &mut Vec<Edge>, least_scale: f64) -> Option<(SideF
 }
 
 /// The weighted least-squares line, with variances as if the weights were true.
-fn weighted_line(edges: &[Edge], factors: &[f64]) -> Option<SideFit> {
-    let weights = || edges.iter().zip(factors).map(|(edge, factor)| (edge, edge.weight * factor));
+///
+/// With `factors` on them.
+fn weighted_line(edges: &[Edge], factors: Option<&[f64]>) -> Option<SideFit> {
+    let factor = |k: usize| factors.and_then(|factors| factors.get(k)).copied().unwrap_or(1.0);
+    let weights = || edges.iter().enumerate().map(|(k, edge)| (edge, edge.weight * factor(k)));
     let total: f64 = weights().map(|(_, weight)| weight).sum();
     if total <= 0.0 || !total.is_finite() {
         return None;

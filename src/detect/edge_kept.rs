@@ -6,9 +6,8 @@
 
 use pulp::{Simd, WithSimd};
 
-use super::edge_stations::{
-    Found, Group, Line, MIDDLE, ModelSums, Profile, Seen, Shape, Stations, Step, ValueSums, steps,
-};
+use super::edge_stations::{Group, Line, MIDDLE, Profile, Stations, Step, steps};
+use super::edge_step::{Found, ModelSums, Seen, Shape, ValueSums};
 use super::picture::GreyPicture;
 use super::wide::{LANES, Lanes, Wide, dispatch, lanes, store};
 

@@ -18,7 +18,7 @@ use super::lens::{Bender, Lens};
 use super::patterns::FoundTag;
 use super::picture::GreyPicture;
 use super::projection::Projection;
-use super::tag_pixels::Pixels;
+use super::tag_pixels::{Neighbours, Pixels};
 use super::tag_sums::{Slopes, UNKNOWNS, gradient};
 use super::tag_verdict::{BELIEVED, Judge, spread};
 use super::whole_tag::{IdealCorner, State, corners, covariances};
@@ -142,6 +142,7 @@ pub(super) struct Linear {
     /// Where places are counted from, ideal px.
     pub middle: [f64; 2],
     pub pixels: Pixels,
+    pub neighbours: Neighbours,
     /// What the fit says of each pixel, and its slopes.
     pub expected: Vec<Lanes>,
     pub slopes: Vec<Slopes>,
@@ -161,13 +162,9 @@ impl Linear {
     }
 
     fn ideal_corners(&self, picture: &GreyPicture) -> Result<[IdealCorner; 4], Weakness> {
-        let pixels = self.pixels.of(picture).ok_or(Weakness::TooFewEdges)?;
-        let mut residuals: Vec<Lanes> = pixels
-            .groups
-            .iter()
-            .zip(&self.expected)
-            .map(|(group, expected)| std::array::from_fn(|lane| group.value[lane] - expected[lane]))
-            .collect();
+        let values = self.pixels.values_in(picture).ok_or(Weakness::TooFewEdges)?;
+        let residual = |(value, expected): (&Lanes, &Lanes)| std::array::from_fn(|lane| value[lane] - expected[lane]);
+        let mut residuals: Vec<Lanes> = values.iter().zip(&self.expected).map(residual).collect();
         let first = self.step([0.0; UNKNOWNS], f64::INFINITY, &mut residuals);
         let second = self.step(first, BELIEVED * self.scale, &mut residuals);
         let total = [0, 1, 2, 3, 4, 5, 6, 7].map(|k: usize| first[k] + second[k]);
@@ -179,8 +176,9 @@ impl Linear {
         if !(0..4).all(near) {
             return Err(Weakness::MovedTooFar);
         }
-        let judge = Judge { bright_inside: self.bright_inside, scale: spread(&residuals, pixels.count) };
-        let variance = judge.variance(&pixels, &residuals, &state)?;
+        let count = self.pixels.count;
+        let judge = Judge { bright_inside: self.bright_inside, scale: spread(&residuals, count) };
+        let variance = judge.variance(count, &self.neighbours, [&values, &residuals], &state)?;
         let covariances = covariances(&state.map, self.per_side, &self.inverse);
         Ok([0, 1, 2, 3].map(|k: usize| {
             let pixel = [after[k][0] + self.middle[0], after[k][1] + self.middle[1]];

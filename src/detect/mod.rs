@@ -33,6 +33,7 @@ mod edge_kept;
 pub mod edge_lines;
 mod edge_side;
 mod edge_stations;
+mod edge_step;
 mod edge_tone;
 mod known_lines;
 mod known_tag;

@@ -89,16 +89,21 @@ impl Pixels {
         Ok(pixels)
     }
 
-    /// The same pixels of another picture; `None` if it is too small.
-    pub fn of(&self, picture: &GreyPicture) -> Option<Self> {
-        let mut pixels = self.clone();
-        for (group, places) in pixels.groups.iter_mut().zip(self.places.chunks(LANES)) {
-            for (value, place) in group.value.iter_mut().zip(places) {
+    /// The values of the same pixels in another picture; `None` if it is too small. Lanes that stay empty are 0.
+    pub fn values_in(&self, picture: &GreyPicture) -> Option<Vec<Lanes>> {
+        let mut values = vec![[0.0; LANES]; self.groups.len()];
+        for (values, places) in values.iter_mut().zip(self.places.chunks(LANES)) {
+            for (value, place) in values.iter_mut().zip(places) {
                 let [column, row] = [0, 1].map(|axis: usize| self.first[axis] + self.every * usize::from(place[axis]));
                 *value = f32::from(picture.pixel(column, row)?);
             }
         }
-        Some(pixels)
+        Some(values)
+    }
+
+    /// The values, eight by eight.
+    pub fn values(&self) -> Vec<Lanes> {
+        self.groups.iter().map(|group| group.value).collect()
     }
 
     fn push(&mut self, place: [f64; 2], value: u8, on_grid: [u16; 2]) {
@@ -116,31 +121,35 @@ impl Pixels {
         self.places.push(on_grid);
     }
 
-    /// The values, in order.
-    pub fn values(&self) -> impl Iterator<Item = f64> {
-        let lanes = self.groups.iter().flat_map(|group| group.value);
-        lanes.take(self.count).map(f64::from)
-    }
-
-    /// Mean products of residuals of neighbours, beside and below each other. Residuals are in order.
-    pub fn alike(&self, residuals: &[f64]) -> [f64; 2] {
+    /// Which pixels lie beside each other, and which below each other.
+    pub fn neighbours(&self) -> Neighbours {
+        const NONE: u32 = u32::MAX;
         // With a column and a row that stay empty.
         let wide = self.columns + 1;
-        let mut grid = vec![f64::NAN; wide * (self.rows + 1)];
+        let mut grid = vec![NONE; wide * (self.rows + 1)];
         let place = |[column, row]: [u16; 2]| usize::from(row) * wide + usize::from(column);
-        for (at, residual) in self.places.iter().zip(residuals) {
-            grid[place(*at)] = *residual;
+        for (k, at) in (0..).zip(&self.places) {
+            grid[place(*at)] = k;
         }
-        let mut sums = [[0.0; 2]; 2];
-        for (at, residual) in self.places.iter().zip(residuals) {
-            for (sum, step) in sums.iter_mut().zip([1, wide]) {
-                let product = residual * grid[place(*at) + step];
-                if !product.is_nan() {
-                    *sum = [sum[0] + product, sum[1] + 1.0];
-                }
-            }
-        }
-        sums.map(|[sum, pairs]| sum / f64::max(pairs, 1.0))
+        Neighbours([1, wide].map(|step: usize| {
+            let pairs = (0..).zip(&self.places).map(|(k, at)| [k, grid[place(*at) + step]]);
+            pairs.filter(|pair| pair[1] != NONE).collect()
+        }))
+    }
+}
+
+/// Pairs of pixels beside each other and below each other.
+#[derive(Debug, Clone)]
+pub(super) struct Neighbours([Vec<[u32; 2]>; 2]);
+
+impl Neighbours {
+    /// Mean products of their residuals, which are in order.
+    pub fn alike(&self, residuals: &[f64]) -> [f64; 2] {
+        let at = |k: u32| residuals.get(k as usize).copied().unwrap_or(0.0);
+        [0, 1].map(|which: usize| {
+            let pairs = &self.0[which];
+            pairs.iter().map(|[a, b]| at(*a) * at(*b)).sum::<f64>() / f64::max(pairs.len() as f64, 1.0)
+        })
     }
 }
 
@@ -248,6 +257,6 @@ mod tests {
         assert_eq!(pixels.count, expected.len());
         // Residuals that change sign from column to column.
         let stripes: Vec<f64> = pixels.places.iter().map(|at| if at[0] % 2 == 0 { 1.0 } else { -1.0 }).collect();
-        assert_eq!(pixels.alike(&stripes), [-1.0, 1.0]);
+        assert_eq!(pixels.neighbours().alike(&stripes), [-1.0, 1.0]);
     }
 }

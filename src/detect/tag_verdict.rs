@@ -1,7 +1,7 @@
 //! Whether the fit of all cells of a tag is one, and how large the residuals are.
 
 use super::edge_lines::Weakness;
-use super::tag_pixels::Pixels;
+use super::tag_pixels::Neighbours;
 use super::tag_sums::UNKNOWNS;
 use super::whole_tag::State;
 use super::wide::{LANES, Lanes};
@@ -24,8 +24,16 @@ pub(super) struct Judge {
 
 impl Judge {
     /// The variance that the inverse of the normal matrix is to be multiplied by, of a fit that is one.
-    pub fn variance(&self, pixels: &Pixels, residuals: &[Lanes], state: &State) -> Result<f64, Weakness> {
-        let (variance, explained) = judged(pixels, residuals, self.scale);
+    ///
+    /// Values and residuals are of so many pixels, in order.
+    pub fn variance(
+        &self,
+        count: usize,
+        neighbours: &Neighbours,
+        [values, residuals]: [&[Lanes]; 2],
+        state: &State,
+    ) -> Result<f64, Weakness> {
+        let (variance, explained) = judged(count, neighbours, [values, residuals], self.scale);
         let contrast = if self.bright_inside { -state.light[3] } else { state.light[3] };
         if contrast.is_nan() || contrast < LEAST_CONTRAST {
             return Err(Weakness::NoContrast);
@@ -50,22 +58,23 @@ pub(super) fn spread(residuals: &[Lanes], count: usize) -> f64 {
 ///
 /// Residuals of neighbours are alike where the model is not quite right, and what is alike is not averaged away: the variance is that of a first-order
 /// autoregressive process in both directions.
-fn judged(pixels: &Pixels, residuals: &[Lanes], scale: f64) -> (f64, f64) {
-    let count = pixels.count as f64;
+fn judged(count: usize, neighbours: &Neighbours, [values, residuals]: [&[Lanes]; 2], scale: f64) -> (f64, f64) {
     let believed: Vec<f64> = residuals
         .iter()
         .flatten()
-        .take(pixels.count)
+        .take(count)
         .map(|residual| f64::from(*residual).clamp(-BELIEVED * scale, BELIEVED * scale))
         .collect();
+    let values = || values.iter().flatten().take(count).map(|value| f64::from(*value));
+    let count = count as f64;
     let squares: f64 = believed.iter().map(|residual| residual * residual).sum();
-    let mean = pixels.values().sum::<f64>() / count;
-    let all: f64 = pixels.values().map(|value| (value - mean).powi(2)).sum();
+    let mean = values().sum::<f64>() / count;
+    let all: f64 = values().map(|value| (value - mean).powi(2)).sum();
     let variance = squares / (count - UNKNOWNS as f64).max(1.0);
     let widened = |product: f64| {
         let correlation = (product / (squares / count)).clamp(0.0, 0.9);
         (1.0 + correlation) / (1.0 - correlation)
     };
-    let [beside, below] = pixels.alike(&believed);
+    let [beside, below] = neighbours.alike(&believed);
     (variance * widened(beside) * widened(below), 1.0 - squares / all)
 }

@@ -88,7 +88,8 @@ impl Fitted<'_> {
     /// The corners, and the blur along its worst direction (px).
     pub fn corners(&self) -> Result<([IdealCorner; 4], f64), Weakness> {
         let judge = Judge { bright_inside: self.tag.bright_inside, scale: self.scale };
-        let variance = judge.variance(&self.pixels, &self.residuals, &self.state)?;
+        let (values, neighbours) = (self.pixels.values(), self.pixels.neighbours());
+        let variance = judge.variance(self.pixels.count, &neighbours, [&values, &self.residuals], &self.state)?;
         let per_side = self.tag.cells.per_side;
         let covariances = covariances(&self.state.map, per_side, &self.normal.inverse());
         let corners = corners(&self.state.map, per_side);
@@ -110,6 +111,7 @@ impl Fitted<'_> {
             per_side: tag.cells.per_side,
             bright_inside: tag.bright_inside,
             middle,
+            neighbours: pixels.neighbours(),
             pixels,
             expected,
             slopes,
@@ -236,7 +238,7 @@ impl WholeTag<'_> {
     /// A first idea of the light: black and white are where a tenth of the pixels is darker or brighter.
     fn light(&self, pixels: &Pixels) -> [f64; 4] {
         let mut counts = [0_usize; 256];
-        pixels.values().for_each(|value| counts[value as usize & 255] += 1);
+        pixels.values().iter().flatten().take(pixels.count).for_each(|value| counts[*value as usize & 255] += 1);
         let percentile = |part: usize| {
             let mut left = pixels.count * part / 10;
             let value = counts.iter().position(|count| {
