@@ -1,12 +1,12 @@
 //! Corners in pictures: `detections.csv`.
 
 use std::borrow::Borrow;
+use std::fmt::Write as _;
 use std::io::Write;
 use std::path::Path;
 use std::sync::Arc;
 
 use super::corners::{CornerRow, Corners};
-use super::decimals::{push_fixed, push_scientific, push_whole};
 use super::names::Names;
 use super::table::Table;
 use super::{Digest, atomic, swift};
@@ -213,41 +213,20 @@ fn write_rounded<R: Borrow<CornerRow>>(
 }
 
 fn push_row(lines: &mut String, layout: &Layout, row: &CornerRow, decimals: usize) {
-    push_whole(lines, row.configuration, 1);
-    lines.push(',');
-    push_whole(lines, row.shot, 1);
-    for name in [&layout.cameras[row.camera].name, &layout.targets[row.target].name] {
-        lines.push(',');
-        lines.push_str(name);
-    }
-    lines.push(',');
-    let corner = match &row.feature {
-        Feature::TagCorner(tag, corner) => {
-            push_whole(lines, u64::from(*tag), 1);
-            u64::from(*corner)
-        }
-        Feature::BoardCorner(corner) => u64::from(*corner),
-        Feature::Point(name) => {
-            lines.push_str(name);
-            0
-        }
+    let (tag, corner) = match &row.feature {
+        Feature::TagCorner(tag, corner) => (tag.to_string(), u32::from(*corner)),
+        Feature::BoardCorner(corner) => (String::new(), *corner),
+        Feature::Point(name) => (name.clone(), 0),
     };
-    lines.push(',');
-    push_whole(lines, corner, 1);
-    for place in row.pixel {
-        lines.push(',');
-        push_fixed(lines, place, decimals);
-    }
-    match row.covariance {
-        Some(covariance) => {
-            for number in covariance {
-                lines.push(',');
-                push_scientific(lines, number);
-            }
-        }
-        None => lines.push_str(",,,"),
-    }
-    lines.push('\n');
+    let (camera, target) = (&layout.cameras[row.camera].name, &layout.targets[row.target].name);
+    let [u, v] = row.pixel;
+    // Writing to a string cannot fail.
+    let _ = write!(lines, "{},{},{camera},{target},{tag},{corner},", row.configuration, row.shot);
+    let _ = write!(lines, "{u:.decimals$},{v:.decimals$},");
+    let _ = match row.covariance {
+        Some([suu, suv, svv]) => writeln!(lines, "{suu:.4e},{suv:.4e},{svv:.4e}"),
+        None => writeln!(lines, ",,"),
+    };
 }
 
 #[cfg(test)]

@@ -8,7 +8,6 @@ pub mod atomic;
 mod cells;
 mod chunks;
 pub mod corners;
-mod decimals;
 pub mod detections;
 mod evenly;
 mod held;
