@@ -15,6 +15,8 @@ use crate::detect::wide::dispatch;
 const LEAST_RANGE: u8 = 30;
 /// Pixels of a tile that have to be paper in the shade.
 const LEAST_PAPER: u8 = 2;
+/// Pixels of a place that have to be: two cells of four px.
+const LEAST_PAPER_TOGETHER: u32 = 32;
 /// Tiles of 3 x 3 that show ink and paper.
 const LEAST_TILES: usize = 3;
 /// Tiles around a shaded place that are searched, at least; and at least as many as the place is long.
@@ -24,15 +26,17 @@ const LEAST_AROUND: usize = 2;
 pub(super) fn in_shade(picture: &GreyPicture, extremes: &Extremes, tiles: &Tiles) -> Option<Tiles> {
     let columns = tiles.columns;
     let rows = tiles.thresholds.len() / columns;
-    let mut wanted = vec![false; tiles.thresholds.len()];
-    dispatch(Shaded { picture, extremes, tiles, wanted: &mut wanted });
-    let places: Vec<usize> = (0..wanted.len()).filter(|tile| wanted[*tile] && enough(extremes, *tile, rows)).collect();
+    // Pixels of paper.
+    let mut shaded = vec![0; tiles.thresholds.len()];
+    dispatch(Shaded { picture, extremes, tiles, shaded: &mut shaded });
+    let places: Vec<usize> =
+        (0..shaded.len()).filter(|tile| shaded[*tile] > 0 && enough(extremes, *tile, rows)).collect();
     if places.is_empty() {
         return None;
     }
-    wanted.fill(false);
-    places.iter().for_each(|tile| wanted[*tile] = true);
-    let mut left = wanted.clone();
+    let mut left = vec![false; shaded.len()];
+    places.iter().for_each(|tile| left[*tile] = true);
+    let mut wanted = vec![false; shaded.len()];
     let mut thresholds = vec![0; tiles.thresholds.len()];
     let (mut darkest, mut brightest) = (vec![u8::MAX; thresholds.len()], vec![0; thresholds.len()]);
     let mut place = Vec::new();
@@ -54,6 +58,11 @@ pub(super) fn in_shade(picture: &GreyPicture, extremes: &Extremes, tiles: &Tiles
                 }
             }
         }
+        let paper: u32 = place.iter().map(|tile| u32::from(shaded[*tile])).sum();
+        if paper < LEAST_PAPER_TOGETHER {
+            continue;
+        }
+        place.iter().for_each(|tile| wanted[*tile] = true);
         let extent = |at: fn(usize, usize) -> usize| {
             let places = || place.iter().map(|tile| at(*tile, columns));
             Some((places().min()?, places().max()?))
@@ -82,7 +91,7 @@ struct Shaded<'a> {
     picture: &'a GreyPicture,
     extremes: &'a Extremes,
     tiles: &'a Tiles,
-    wanted: &'a mut [bool],
+    shaded: &'a mut [u8],
 }
 
 impl WithSimd for Shaded<'_> {
@@ -90,23 +99,26 @@ impl WithSimd for Shaded<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        let Self { picture, extremes: Extremes { columns, darkest, brightest }, tiles, wanted } = self;
-        for (((low, high), threshold), wanted) in
-            darkest.iter().zip(brightest).zip(&tiles.thresholds).zip(wanted.iter_mut())
+        let Self { picture, extremes: Extremes { columns, darkest, brightest }, tiles, shaded } = self;
+        for (((low, high), threshold), shaded) in
+            darkest.iter().zip(brightest).zip(&tiles.thresholds).zip(shaded.iter_mut())
         {
             let range = high.saturating_sub(*low);
             // All but an eighth of its range is dark.
-            *wanted = (range >= LEAST_RANGE)
-                & (*threshold >= high.saturating_sub(range / 8))
-                & (*low <= as_dark_as_ink(*high));
+            *shaded = u8::from(
+                (range >= LEAST_RANGE)
+                    & (*threshold >= high.saturating_sub(range / 8))
+                    & (*low <= as_dark_as_ink(*high)),
+            );
         }
         // Few are left: most eights of tiles have none.
-        for (eight, wanted) in wanted.chunks_mut(8).enumerate().filter(|(_, eight)| eight.contains(&true)) {
-            for (k, wanted) in wanted.iter_mut().enumerate().filter(|(_, wanted)| **wanted) {
+        for (eight, shaded) in shaded.chunks_mut(8).enumerate().filter(|(_, eight)| eight.contains(&1)) {
+            for (k, shaded) in shaded.iter_mut().enumerate().filter(|(_, shaded)| **shaded > 0) {
                 let tile = 8 * eight + k;
                 let (low, high) = (darkest[tile], brightest[tile]);
                 let light = tiles.thresholds[tile].max(high.saturating_add((high - low) / 8));
-                *wanted = paper(picture, tile % columns, tile / columns, middle(low, high), light) >= LEAST_PAPER;
+                let paper = paper(picture, tile % columns, tile / columns, middle(low, high), light);
+                *shaded = if paper >= LEAST_PAPER { paper } else { 0 };
             }
         }
     }
