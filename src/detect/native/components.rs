@@ -18,15 +18,6 @@ use crate::detect::wide::dispatch;
 /// A patch that is longer than this many px in one direction may be a tag, if in neither it is smaller than its cells can be seen.
 const LEAST_LONG: u32 = 8;
 
-/// Dark or bright pixels beside each other on one row: `start..end`.
-#[derive(Debug, Clone, Copy)]
-struct Run {
-    start: u32,
-    end: u32,
-    /// The label of its patch.
-    label: u32,
-}
-
 /// What is known of a patch, or of a part of it that was united with another since.
 #[derive(Debug, Clone, Copy)]
 struct Label {
@@ -69,10 +60,14 @@ impl Patches {
     }
 }
 
-/// The runs of one shade, row after row.
+/// The runs of one shade, row after row: dark or bright pixels beside each other.
 #[derive(Debug, Default)]
 struct Runs {
-    runs: Vec<Run>,
+    /// First pixel and one beyond the last; each row is closed by a [`CLOSED`]. Beyond `used` there is room.
+    runs: Vec<[u32; 2]>,
+    used: usize,
+    /// The label of each run's patch.
+    names: Vec<u32>,
     labels: Vec<Label>,
     /// Where each row's runs begin; one more at the end.
     rows: Vec<u32>,
@@ -81,57 +76,70 @@ struct Runs {
     here: usize,
 }
 
+/// Right of all runs.
+const CLOSED: [u32; 2] = [u32::MAX; 2];
+
 impl Runs {
     fn clear(&mut self) {
-        self.runs.clear();
         self.labels.clear();
         self.rows.clear();
-        self.rows.push(0);
-        (self.above, self.here) = (0, 0);
+        self.rows.push(1);
+        // Above the first row there is nothing.
+        self.room(1)[0] = CLOSED;
+        (self.above, self.here, self.used) = (0, 1, 1);
+    }
+
+    /// At least so many places for runs after those that are there.
+    fn room(&mut self, count: usize) -> &mut [[u32; 2]] {
+        let least = self.used + count;
+        if self.runs.len() < least {
+            self.runs.resize(2 * least, CLOSED);
+        }
+        &mut self.runs[self.used..]
     }
 
     /// Unites the runs of the row that just ended with those above it.
     fn end_row(&mut self) {
         let row = self.rows.len() as u32 - 1;
-        let end = self.runs.len();
-        let (old, new) = self.runs.split_at_mut(self.here);
-        let above = old.get(self.above..).unwrap_or(&[]);
-        let touching = |at: usize, run: &Run| above.get(at).filter(|other| other.start <= run.end);
+        self.room(1)[0] = CLOSED;
+        let (old, new) = self.runs.split_at(self.here);
+        let above = &old[self.above..];
+        let new = &new[..self.used - self.here];
+        if self.names.len() <= self.used {
+            self.names.resize(2 * self.used + 2, 0);
+        }
+        let (names, mine) = self.names.split_at_mut(self.here);
+        let names = &names[self.above..];
         let mut at = 0;
-        for run in new {
-            while above.get(at).is_some_and(|other| other.end < run.start) {
+        for ([start, end], name) in new.iter().zip(mine) {
+            while above[at][1] < *start {
                 at += 1;
             }
-            let mut mine = touching(at, run).map(|other| root(&mut self.labels, other.label));
-            // The last one that touches may touch the next run too.
-            while let (Some(first), Some(other)) = (mine, touching(at + 1, run)) {
-                let other = root(&mut self.labels, other.label);
-                if other != first {
-                    mine = Some(unite(&mut self.labels, first, other));
+            let area = end - start;
+            if above[at][0] <= *end {
+                let mut first = root(&mut self.labels, names[at]);
+                // The last one that touches may touch the next run too.
+                while above[at + 1][0] <= *end {
+                    at += 1;
+                    let other = root(&mut self.labels, names[at]);
+                    if other != first {
+                        first = unite(&mut self.labels, first, other);
+                    }
                 }
-                at += 1;
-            }
-            let area = run.end - run.start;
-            run.label = mine.unwrap_or(self.labels.len() as u32);
-            match self.labels.get_mut(run.label as usize) {
-                Some(label) => {
-                    label.left = label.left.min(run.start);
-                    label.right = label.right.max(run.end);
-                    label.bottom = row;
-                    label.area += area;
-                }
-                None => self.labels.push(Label {
-                    parent: run.label,
-                    left: run.start,
-                    right: run.end,
-                    top: row,
-                    bottom: row,
-                    area,
-                }),
+                let label = &mut self.labels[first as usize];
+                label.left = label.left.min(*start);
+                label.right = label.right.max(*end);
+                label.bottom = row;
+                label.area += area;
+                *name = first;
+            } else {
+                *name = self.labels.len() as u32;
+                self.labels.push(Label { parent: *name, left: *start, right: *end, top: row, bottom: row, area });
             }
         }
-        self.rows.push(end as u32);
-        (self.above, self.here) = (self.here, end);
+        self.used += 1;
+        self.rows.push(self.used as u32);
+        (self.above, self.here) = (self.here, self.used);
     }
 
     /// Keeps the patches that may be tags.
@@ -164,14 +172,15 @@ impl Runs {
         }
         found.left.resize(total as usize, u32::MAX);
         found.right.resize(total as usize, 0);
-        let mut from = 0;
-        for (row, to) in self.rows.iter().skip(1).enumerate() {
-            for run in &self.runs[from..*to as usize] {
-                let place = places[run.label as usize];
+        let mut from = self.rows[0] as usize;
+        for (row, to) in (0..).zip(&self.rows[1..]) {
+            let range = from..*to as usize - 1;
+            for ([start, end], name) in self.runs[range.clone()].iter().zip(&self.names[range]) {
+                let place = places[*name as usize];
                 if place != NONE {
-                    let at = (place + row as u32 - height) as usize;
-                    found.left[at] = found.left[at].min(run.start);
-                    found.right[at] = found.right[at].max(run.end);
+                    let at = (place + row - height) as usize;
+                    found.left[at] = found.left[at].min(*start);
+                    found.right[at] = found.right[at].max(*end);
                 }
             }
             from = *to as usize;
@@ -228,7 +237,10 @@ pub(super) fn patches(picture: &GreyPicture, tiles: &Tiles, wanted: Wanted) -> [
         let found = [dark.patches(width, shortest, tiles), bright.patches(width, shortest, tiles)];
         for runs in [dark, bright] {
             // A giant picture's memory is not kept.
-            runs.runs.shrink_to(1 << 18);
+            if runs.runs.len() > 1 << 18 {
+                runs.runs = Vec::new();
+                runs.names = Vec::new();
+            }
             runs.labels.shrink_to(1 << 16);
         }
         found
@@ -261,20 +273,15 @@ fn collect<const DARK: bool, const BRIGHT: bool>(
     // Bit by bit: where there is contrast, and what is dark.
     let (mut contrast, mut words) = (vec![0u64; count], vec![0u64; count]);
     let mut spans: Vec<Range<usize>> = Vec::new();
-    let mut changes = vec![0; (count + 2) * WORD];
     let darker = Darker::new();
     for row in 0..height {
         if row % TILE == 0 {
             let first = row / TILE * tiles.columns;
             let thresholds = tiles.thresholds.get(first..first + tiles.columns).unwrap_or(&[]);
-            for (eight, threshold) in levels.chunks_exact_mut(TILE).zip(thresholds) {
-                eight.fill(*threshold);
-            }
             for (word, eight) in contrast.iter_mut().zip(thresholds.chunks(WORD / TILE)) {
-                *word = eight
-                    .iter()
-                    .rev()
-                    .fold(0, |word, threshold| (word << TILE) | if *threshold == 0 { 0 } else { 0xff });
+                let mut levels = [0; WORD / TILE];
+                levels[..eight.len()].copy_from_slice(eight);
+                *word = set_bytes(u64::from_le_bytes(levels));
             }
             if !width.is_multiple_of(WORD) {
                 contrast[count - 1] &= (1 << (width % WORD)) - 1;
@@ -286,6 +293,12 @@ fn collect<const DARK: bool, const BRIGHT: bool>(
                     _ => spans.push(at..at + 1),
                 }
             }
+            for span in &spans {
+                let levels = levels[span.start * WORD..span.end * WORD].as_chunks_mut::<TILE>().0;
+                for (eight, threshold) in levels.iter_mut().zip(&thresholds[span.start * WORD / TILE..]) {
+                    *eight = [*threshold; TILE];
+                }
+            }
         }
         let pixels = picture.pixels().get(row * width..(row + 1) * width).unwrap_or(&[]);
         for span in &spans {
@@ -293,11 +306,11 @@ fn collect<const DARK: bool, const BRIGHT: bool>(
             let words = &mut words[span.clone()];
             darker.compare(&pixels[begin..end], &levels[begin..end], words);
             if DARK {
-                cut(words, begin as u32, end as u32, &mut changes, dark_runs);
+                cut(words, begin as u32, end as u32, dark_runs);
             }
             if BRIGHT {
                 words.iter_mut().zip(&contrast[span.clone()]).for_each(|(word, contrast)| *word = !*word & contrast);
-                cut(words, begin as u32, end as u32, &mut changes, bright_runs);
+                cut(words, begin as u32, end as u32, bright_runs);
             }
         }
         if DARK {
@@ -309,15 +322,23 @@ fn collect<const DARK: bool, const BRIGHT: bool>(
     }
 }
 
+/// A word whose bytes have all their bits where those of another have any.
+fn set_bytes(word: u64) -> u64 {
+    const LOW: u64 = 0x7f7f_7f7f_7f7f_7f7f;
+    // Anything above 0 carries into the highest bit of its byte.
+    let any = (((word & LOW) + LOW) | word) & !LOW;
+    (any >> 7) * 0xff
+}
+
 /// Cuts a part of a row into runs of pixels whose bits are set.
-fn cut(words: &[u64], begin: u32, end: u32, changes: &mut [u32], runs: &mut Runs) {
-    let mut count = dispatch(Changes { words, begin, places: &mut *changes });
+fn cut(words: &[u64], begin: u32, end: u32, runs: &mut Runs) {
+    let places = runs.room((words.len() + 2) * WORD / 2).as_flattened_mut();
+    let mut count = dispatch(Changes { words, begin, places: &mut *places });
     if count % 2 == 1 {
-        changes[count] = end;
+        places[count] = end;
         count += 1;
     }
-    let ends = changes[..count].as_chunks::<2>().0;
-    runs.runs.extend(ends.iter().map(|[start, end]| Run { start: *start, end: *end, label: 0 }));
+    runs.used += count / 2;
 }
 
 /// The places where the bits of some words change, which are unset before the first; their number.
@@ -351,5 +372,22 @@ impl WithSimd for Changes<'_> {
             at += WORD as u32;
         }
         count
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::set_bytes;
+
+    #[test]
+    fn bytes_are_set_where_there_is_anything() {
+        let mut value = 0x9e37_79b9_7f4a_7c15_u64;
+        for step in 0..200 {
+            value = value.wrapping_mul(0xd134_2543_de82_ef95).wrapping_add(1);
+            // Zeros are rare by chance.
+            let bytes = value.rotate_left(17).to_le_bytes().map(|byte| if byte % 3 == step % 3 { 0 } else { byte });
+            let expected = bytes.map(|byte| if byte == 0 { 0 } else { 0xff });
+            assert_eq!(set_bytes(u64::from_le_bytes(bytes)).to_le_bytes(), expected, "{bytes:?}");
+        }
     }
 }

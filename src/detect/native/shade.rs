@@ -28,9 +28,9 @@ pub(super) fn in_shade(picture: &GreyPicture, extremes: &Extremes, tiles: &Tiles
     let rows = tiles.thresholds.len() / columns;
     // Pixels of paper.
     let mut shaded = vec![0; tiles.thresholds.len()];
-    dispatch(Shaded { picture, extremes, tiles, shaded: &mut shaded });
-    let places: Vec<usize> =
-        (0..shaded.len()).filter(|tile| shaded[*tile] > 0 && enough(extremes, *tile, rows)).collect();
+    let mut places = Vec::new();
+    dispatch(Shaded { picture, extremes, tiles, shaded: &mut shaded, places: &mut places });
+    places.retain(|tile| enough(extremes, *tile, rows));
     if places.is_empty() {
         return None;
     }
@@ -50,7 +50,7 @@ pub(super) fn in_shade(picture: &GreyPicture, extremes: &Extremes, tiles: &Tiles
         while let Some(tile) = place.get(next).copied() {
             next += 1;
             let (low, high) = (extremes.darkest[tile], extremes.brightest[tile]);
-            for beside in around(tile, columns, rows, 1) {
+            for beside in around(tile, columns, rows) {
                 darkest[beside] = darkest[beside].min(low);
                 brightest[beside] = brightest[beside].max(high);
                 if std::mem::take(&mut left[beside]) {
@@ -78,10 +78,8 @@ pub(super) fn in_shade(picture: &GreyPicture, extremes: &Extremes, tiles: &Tiles
             thresholds[part.clone()].copy_from_slice(&tiles.thresholds[part]);
         }
     }
-    for (threshold, (low, high)) in thresholds.iter_mut().zip(darkest.iter().zip(&brightest)) {
-        if low < high {
-            *threshold = middle(*low, *high).min(*threshold);
-        }
+    for tile in places.iter().flat_map(|place| around(*place, columns, rows)) {
+        thresholds[tile] = middle(darkest[tile], brightest[tile]).min(thresholds[tile]);
     }
     Some(Tiles { columns, thresholds, wanted })
 }
@@ -91,7 +89,10 @@ struct Shaded<'a> {
     picture: &'a GreyPicture,
     extremes: &'a Extremes,
     tiles: &'a Tiles,
+    /// Pixels of paper of each tile.
     shaded: &'a mut [u8],
+    /// The tiles that have enough of it.
+    places: &'a mut Vec<usize>,
 }
 
 impl WithSimd for Shaded<'_> {
@@ -99,7 +100,7 @@ impl WithSimd for Shaded<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        let Self { picture, extremes: Extremes { columns, darkest, brightest }, tiles, shaded } = self;
+        let Self { picture, extremes: Extremes { columns, darkest, brightest }, tiles, shaded, places } = self;
         for (((low, high), threshold), shaded) in
             darkest.iter().zip(brightest).zip(&tiles.thresholds).zip(shaded.iter_mut())
         {
@@ -112,13 +113,17 @@ impl WithSimd for Shaded<'_> {
             );
         }
         // Few are left: most eights of tiles have none.
-        for (eight, shaded) in shaded.chunks_mut(8).enumerate().filter(|(_, eight)| eight.contains(&1)) {
+        let (eights, rest) = shaded.as_chunks_mut::<8>();
+        let eights = eights.iter_mut().map(|eight| if u64::from_ne_bytes(*eight) == 0 { &mut [][..] } else { eight });
+        for (eight, shaded) in eights.chain([rest]).enumerate() {
             for (k, shaded) in shaded.iter_mut().enumerate().filter(|(_, shaded)| **shaded > 0) {
                 let tile = 8 * eight + k;
                 let (low, high) = (darkest[tile], brightest[tile]);
                 let light = tiles.thresholds[tile].max(high.saturating_add((high - low) / 8));
-                let paper = paper(picture, tile % columns, tile / columns, middle(low, high), light);
-                *shaded = if paper >= LEAST_PAPER { paper } else { 0 };
+                *shaded = paper(picture, tile % columns, tile / columns, middle(low, high), light);
+                if *shaded >= LEAST_PAPER {
+                    places.push(tile);
+                }
             }
         }
     }
@@ -128,8 +133,8 @@ impl WithSimd for Shaded<'_> {
 fn enough(extremes: &Extremes, tile: usize, rows: usize) -> bool {
     let (low, high) = (extremes.darkest[tile], extremes.brightest[tile]);
     let (ink, paper) = (as_dark_as_ink(high), middle(low, high));
-    let shows = |tile: &usize| extremes.darkest[*tile] <= ink && extremes.brightest[*tile] >= paper;
-    around(tile, extremes.columns, rows, 1).filter(shows).count() >= LEAST_TILES
+    let shows = |tile: usize| usize::from((extremes.darkest[tile] <= ink) & (extremes.brightest[tile] >= paper));
+    around(tile, extremes.columns, rows).map(shows).sum::<usize>() >= LEAST_TILES
 }
 
 /// Ink is at most three eighths as bright as the paper that it is on, light and shade being the same.
@@ -140,41 +145,79 @@ fn as_dark_as_ink(paper: u8) -> u8 {
 /// Pixels of a tile that are no darker than `own`, and have none beside them that is in the light. The flank of an edge has none.
 #[inline(always)]
 fn paper(picture: &GreyPicture, column: usize, row: usize, own: u8, light: u8) -> u8 {
+    // With the pixels beside it.
     const SIDE: usize = TILE + 2;
     let width = picture.width();
-    let mut rows = [[0u8; SIDE]; SIDE];
-    for (line, values) in rows.iter_mut().enumerate() {
-        // Places at the picture's edge have no surroundings.
-        let Some(first) = (row * TILE + line).checked_sub(1).and_then(|y| (y * width + column * TILE).checked_sub(1))
-        else {
-            return 0;
-        };
-        match picture.pixels().get(first..first + SIDE) {
-            Some(pixels) if column > 0 && column * TILE + TILE < width => values.copy_from_slice(pixels),
-            _ => return 0,
-        }
+    let first = (row * TILE).checked_sub(1).and_then(|y| (y * width + column * TILE).checked_sub(1));
+    let around = first.and_then(|first| picture.pixels().get(first..first + (SIDE - 1) * width + SIDE));
+    // Places at the picture's edge have no surroundings.
+    let Some(around) = around.filter(|_| column > 0 && column * TILE + TILE < width) else { return 0 };
+    let [mut left, mut here, mut right] = [[0u8; SIDE * TILE]; 3];
+    for (line, pixels) in around.chunks(width).enumerate() {
+        let part = line * TILE..(line + 1) * TILE;
+        left[part.clone()].copy_from_slice(&pixels[..TILE]);
+        here[part.clone()].copy_from_slice(&pixels[1..=TILE]);
+        right[part].copy_from_slice(&pixels[2..SIDE]);
     }
-    let beside = rows.map(|row| {
-        let mut most = [0u8; TILE];
-        for (k, most) in most.iter_mut().enumerate() {
-            *most = row[k].max(row[k + 1]).max(row[k + 2]);
-        }
-        most
-    });
-    let mut counts = [0; TILE];
-    for line in 0..TILE {
-        for (k, count) in counts.iter_mut().enumerate() {
-            let brightest = beside[line][k].max(beside[line + 1][k]).max(beside[line + 2][k]);
-            *count += u8::from((rows[line + 1][k + 1] >= own) & (brightest < light));
-        }
+    for ((left, here), right) in left.iter_mut().zip(&here).zip(&right) {
+        *left = (*left).max(*here).max(*right);
     }
-    counts.iter().sum()
+    let (above, beside, below) = (&left[..TILE * TILE], &left[TILE..][..TILE * TILE], &left[2 * TILE..]);
+    let mut count = 0;
+    for (((above, beside), below), here) in above.iter().zip(beside).zip(below).zip(&here[TILE..]) {
+        let brightest = (*above).max(*beside).max(*below);
+        count += u8::from((*here >= own) & (brightest < light));
+    }
+    count
 }
 
 /// The tiles within a distance of one.
-fn around(tile: usize, columns: usize, rows: usize, reach: usize) -> impl Iterator<Item = usize> {
+#[inline(always)]
+fn around(tile: usize, columns: usize, rows: usize) -> impl Iterator<Item = usize> {
     let (column, row) = (tile % columns, tile / columns);
-    (row.saturating_sub(reach)..(row + reach + 1).min(rows)).flat_map(move |row| {
-        (column.saturating_sub(reach)..(column + reach + 1).min(columns)).map(move |column| row * columns + column)
-    })
+    let (west, east) = (column.saturating_sub(1), (column + 2).min(columns));
+    (row.saturating_sub(1)..(row + 2).min(rows)).flat_map(move |row| row * columns + west..row * columns + east)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::paper;
+    use crate::detect::native::tiles::TILE;
+    use crate::detect::picture::GreyPicture;
+
+    /// Pixels of a tile that are at least `own` and have nothing within a pixel that is `light` or more, one after the other.
+    fn counted(picture: &GreyPicture, column: usize, row: usize, own: u8, light: u8) -> u8 {
+        let (width, height) = (picture.width(), picture.height());
+        let grey = |x: usize, y: usize| picture.pixels()[y * width + x];
+        if column == 0 || row == 0 || (column + 1) * TILE >= width || (row + 1) * TILE >= height {
+            return 0;
+        }
+        let places = (0..TILE * TILE).map(|k| (column * TILE + k % TILE, row * TILE + k / TILE));
+        let seen = places.filter(|(x, y)| {
+            let brightest = (0..9).map(|k| grey(x + k % 3 - 1, y + k / 3 - 1)).max();
+            grey(*x, *y) >= own && brightest < Some(light)
+        });
+        seen.count() as u8
+    }
+
+    #[test]
+    fn paper_is_counted_pixel_by_pixel() {
+        let mut value = 7_u32;
+        for (width, height) in [(40, 40), (41, 33), (47, 26), (8, 8)] {
+            let pixels = (0..width * height).map(|_| {
+                value = value.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                // Few are in the light: else most tiles would have no paper.
+                if value >> 27 == 0 { 200 } else { (value >> 24) as u8 % 150 }
+            });
+            let picture = GreyPicture::new(width, height, pixels.collect()).unwrap();
+            let mut all = 0;
+            for (column, row) in (0..width.div_ceil(TILE)).flat_map(|x| (0..height.div_ceil(TILE)).map(move |y| (x, y)))
+            {
+                let expected = counted(&picture, column, row, 70, 180);
+                assert_eq!(paper(&picture, column, row, 70, 180), expected, "{width} x {height}, {column}, {row}");
+                all += u32::from(expected);
+            }
+            assert!(all > 0 || width == 8);
+        }
+    }
 }
