@@ -25,6 +25,8 @@ pub(super) struct Codebook {
     pub most_wrong: u32,
     /// Tags whose bright cells are one rectangle: any dark box with a label looks like one.
     plain: Vec<u32>,
+    /// The places of the data cells in each of the four turns, in the order of a code's bits.
+    data: [Vec<usize>; 4],
     codes: Vec<u64>,
     exact: HashMap<u64, u32>,
 }
@@ -39,22 +41,35 @@ impl Codebook {
 
     fn new(dictionary: Dictionary) -> Self {
         let (side, edge) = (dictionary.cells_per_side(), dictionary.edge_cells());
+        let last = side - 1;
+        let turned = |quarters: usize| -> Vec<usize> {
+            data_cells(side, edge)
+                .map(|cell| {
+                    let (row, column) = (cell / side, cell % side);
+                    let (row, column) = match quarters {
+                        0 => (row, column),
+                        1 => (column, last - row),
+                        2 => (last - row, last - column),
+                        _ => (last - column, row),
+                    };
+                    row * side + column
+                })
+                .collect()
+        };
+        let data = [0, 1, 2, 3].map(turned);
         let codes: Vec<u64> = (0..dictionary.tag_count())
             .filter_map(|id| {
                 let cells = dictionary.cells(id)?;
-                Some(
-                    data_cells(side, edge)
-                        .fold(0, |code, cell| (code << 1) | u64::from(cells.get(cell).copied().unwrap_or(false))),
-                )
+                Some(code(&data[0], &cells))
             })
             .collect();
         let exact = codes.iter().zip(0..).map(|(code, id)| (*code, id)).collect();
-        let bits = data_cells(side, edge).count() as u32;
+        let bits = data[0].len() as u32;
         let most_wrong = believable(bits, codes.len(), dictionary.correctable_cells());
         let plain = (0..dictionary.tag_count())
             .filter(|id| dictionary.cells(*id).is_some_and(|cells| is_rectangle(side, &cells)))
             .collect();
-        Self { edge, side, bright_inside: dictionary.data_around_border(), most_wrong, plain, codes, exact }
+        Self { edge, side, bright_inside: dictionary.data_around_border(), most_wrong, plain, data, codes, exact }
     }
 
     /// Whether a tag's bright cells are one rectangle.
@@ -64,26 +79,13 @@ impl Codebook {
 
     /// Number of data cells.
     pub fn bits(&self) -> usize {
-        data_cells(self.side, self.edge).count()
+        self.data[0].len()
     }
 
     /// The tag whose cells these are (row by row, the whole pattern, whether bright) in one of the four turns: id, number of
     /// quarter turns, wrong cells. A turn of 1 means that the pattern's first corner is the second one read.
     pub fn identify(&self, cells: &[bool], most_wrong: u32) -> Option<(u32, usize, u32)> {
-        let mut turned = [0u64; 4];
-        let last = self.side - 1;
-        for (quarters, code) in turned.iter_mut().enumerate() {
-            *code = data_cells(self.side, self.edge).fold(0, |code, cell| {
-                let (row, column) = (cell / self.side, cell % self.side);
-                let (row, column) = match quarters {
-                    0 => (row, column),
-                    1 => (column, last - row),
-                    2 => (last - row, last - column),
-                    _ => (last - column, row),
-                };
-                (code << 1) | u64::from(cells.get(row * self.side + column).copied().unwrap_or(false))
-            });
-        }
+        let turned = self.data.each_ref().map(|places| code(places, cells));
         let mut exact =
             turned.iter().enumerate().filter_map(|(quarters, code)| Some((*self.exact.get(code)?, quarters, 0)));
         if let Some(found) = exact.next() {
@@ -106,6 +108,11 @@ impl Codebook {
         }
         (best.0 <= most_wrong && !tied).then_some((best.1, best.2, best.0))
     }
+}
+
+/// The code of the cells at some places.
+fn code(places: &[usize], cells: &[bool]) -> u64 {
+    places.iter().fold(0, |code, place| (code << 1) | u64::from(cells.get(*place).copied().unwrap_or(false)))
 }
 
 /// The most wrong cells, up to a limit, with which a random pattern is still taken for a tag less often than in one of [`CHANCE`] cases.

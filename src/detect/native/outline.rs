@@ -65,8 +65,10 @@ fn turn(a: [i64; 2], b: [i64; 2], c: [i64; 2]) -> i64 {
     (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 }
 
-fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
-    (a[0] - b[0]).hypot(a[1] - b[1])
+/// Between two points, px. Nothing here is so large or so small that its square is not a number.
+pub(super) fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
+    let [x, y] = [a[0] - b[0], a[1] - b[1]];
+    (x * x + y * y).sqrt()
 }
 
 /// The hull of a patch's pixels, clockwise as seen, in corners of pixels (the first pixel reaches from 0 to 1).
@@ -276,7 +278,11 @@ fn side_line(
     for _ in 0..2 {
         let kept = (found * 3).div_ceil(4).max(4).min(found);
         let off = |p: &[f64; 2]| (p[1] - offset - slope * p[0]).abs();
-        points.select_nth_unstable_by(kept - 1, |a, b| off(a).total_cmp(&off(b)));
+        // Three are left out at most.
+        for last in (kept..found).rev() {
+            let worst = (0..=last).max_by(|a, b| off(&points[*a]).total_cmp(&off(&points[*b])));
+            points.swap(worst.unwrap_or(last), last);
+        }
         (offset, slope) = line(&points[..kept])?;
         let worst = points[..kept].iter().map(|p| (p[1] - offset - slope * p[0]).abs()).fold(0.0, f64::max);
         if worst > 1.0 + 0.01 * length {

@@ -7,7 +7,7 @@
 //! as wrong ones, since ink is one or the other.
 
 use super::codebook::Codebook;
-use super::outline::Quad;
+use super::outline::{self, Quad};
 use crate::detect::picture::GreyPicture;
 use crate::detect::projection::Projection;
 
@@ -75,11 +75,9 @@ impl Reader {
         let forgiven = if bits >= 25 { 0.08 } else { 0.0 };
         let judged = |values: &[f64], ring: usize, dark: bool| {
             let (mut wrong, mut all) = (0.0, 0.0);
-            for (k, value) in
-                values.iter().enumerate().filter(|(k, value)| ring_of(*k, side) == ring && !value.is_nan())
-            {
+            for (k, value) in ring_values(values, side, ring) {
                 all += 1.0;
-                let place = shades.place(*value, k, side);
+                let place = shades.place(value, k, side);
                 if (place < 0.0) != dark {
                     wrong += 1.0;
                 }
@@ -254,7 +252,7 @@ pub(super) fn large_enough(quad: &Quad, edge: usize) -> bool {
 fn cell_size(quad: &Quad, edge: usize) -> f64 {
     let side = |k: usize| {
         let (a, b) = (quad[k], quad[(k + 1) % 4]);
-        (a[0] - b[0]).hypot(a[1] - b[1])
+        outline::distance(a, b)
     };
     f64::min(side(0) + side(2), side(1) + side(3)) / 2.0 / edge as f64
 }
@@ -263,6 +261,16 @@ fn cell_size(quad: &Quad, edge: usize) -> f64 {
 fn ring_of(place: usize, side: usize) -> usize {
     let (row, column) = (place / side, place % side);
     row.min(column).min(side - 1 - row).min(side - 1 - column)
+}
+
+/// The places of a ring of a square of cells, row by row, with their values, as far as they are in the picture.
+fn ring_values(values: &[f64], side: usize, ring: usize) -> impl Iterator<Item = (usize, f64)> {
+    let (first, last) = (ring, side - 1 - ring);
+    let rows = (first..=last).flat_map(move |row| {
+        let step = if row == first || row == last { 1 } else { last - first };
+        (first..=last).step_by(step).map(move |column| row * side + column)
+    });
+    rows.map(|place| (place, values[place])).filter(|(_, value)| !value.is_nan())
 }
 
 /// The grey of dark and of bright, each a plane across the tag: light falls off.
@@ -306,7 +314,7 @@ fn value(plane: &[f64; 3], at: [f64; 2]) -> f64 {
 fn plane(values: &[f64], side: usize, ring: usize) -> Option<[f64; 3]> {
     let (mut n, mut sum, mut sx, mut sy, mut xx, mut yy) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
     let (mut xs, mut ys) = (0.0, 0.0);
-    for (k, value) in values.iter().enumerate().filter(|(k, value)| ring_of(*k, side) == ring && !value.is_nan()) {
+    for (k, value) in ring_values(values, side, ring) {
         let [x, y] = centred(k, side);
         n += 1.0;
         sum += value;
@@ -327,4 +335,22 @@ fn plane(values: &[f64], side: usize, ring: usize) -> Option<[f64; 3]> {
     };
     let (a, b) = (slope(xx, xs, mx), slope(yy, ys, my));
     Some([mean - a * mx - b * my, a, b])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{ring_of, ring_values};
+
+    #[test]
+    fn rings_are_walked_row_by_row() {
+        for side in 6..12 {
+            let values: Vec<f64> = (0..side * side).map(|k| if k % 7 == 3 { f64::NAN } else { k as f64 }).collect();
+            for ring in 0..2 {
+                let walked: Vec<(usize, f64)> = ring_values(&values, side, ring).collect();
+                let plain = values.iter().copied().enumerate();
+                let plain = plain.filter(|(k, value)| ring_of(*k, side) == ring && !value.is_nan());
+                assert_eq!(walked, plain.collect::<Vec<_>>(), "{side} {ring}");
+            }
+        }
+    }
 }
