@@ -54,8 +54,12 @@ def detect():
             left, top = (max(0, int(round(value)) - reach) for value in middle)
             right, bottom = (int(round(value)) + reach for value in middle)
             crop = picture[top : min(bottom, top + SIDE), left : min(right, left + SIDE)]
+            # Nothing of its neighbours, which carry the same id.
+            y, x = np.mgrid[0 : crop.shape[0], 0 : crop.shape[1]]
+            a, b = cells_of(corners, x + left, y + top)
+            own = (a > -2.5) & (a < 10.5) & (b > -2.5) & (b < 10.5)
             canvas = np.full((SIDE, SIDE), int(np.median(crop)), np.uint8)
-            canvas[: crop.shape[0], : crop.shape[1]] = crop
+            canvas[: crop.shape[0], : crop.shape[1]][own] = crop[own]
             cv2.imwrite(str(folder / f"{number:04}.png"), canvas)
             origins.append((place, (left, top)))
         (folder / "layout.yaml").write_text(LAYOUT)
