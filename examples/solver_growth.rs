@@ -1,46 +1,96 @@
 //! How time and memory of a solve grow with the number of pictures: one robot, three cameras, every picture at a configuration of its own.
 //!
-//! `cargo run --release --example solver_growth -- CURVE.svg PICTURES...` prints a table and draws the curve.
+//! `cargo run --release --example solver_growth -- CURVE.svg PICTURES...` prints a table and draws the curve. Each solve is that of a fresh process which
+//! reads the problem from a file, as a user's is: what an earlier one or making the recording left over would be taken from the system again or not as
+//! the size has it.
 
+#[path = "../benches/support/problem_file.rs"]
+mod problem_file;
 #[path = "../benches/support/sizes.rs"]
 mod sizes;
 
 use std::fmt::Write;
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::Path;
+use std::process::Command;
 use std::time::Instant;
 
 use cellmap::frames::FrameTree;
 use cellmap::solve::{Assembler, Options, Plan, Priors, minimise};
 
+/// What a process says of its solve.
+#[derive(Clone, Copy)]
+struct Solved {
+    seconds: f64,
+    /// Of the processor's time, what the system took: to give memory, above all.
+    system: f64,
+    linearisations: f64,
+    corners: f64,
+    megabytes: f64,
+}
+
 /// One row of the table.
 struct Measured {
     pictures: u64,
-    corners: usize,
-    seconds: f64,
-    iterations: usize,
-    megabytes: f64,
+    least: f64,
+    /// The medians of all rounds.
+    median: Solved,
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let (file, pictures) = arguments.split_first().ok_or("CURVE.svg PICTURES...")?;
-    println!("| pictures | corners | layout and search, s | linearisations | peak memory, MB | bytes a corner |");
-    println!("|---|---|---|---|---|---|");
+    if let ("solve", [problem]) = (file.as_str(), pictures) {
+        return solve(Path::new(problem));
+    }
+    println!(
+        "| pictures | corners | layout and search, s: median, least | of it the system's, processor s | linearisations | peak memory, MB | bytes a corner |"
+    );
+    println!("|---|---|---|---|---|---|---|");
     let mut all = Vec::new();
     for count in pictures {
         let measured = measure(count.parse()?)?;
+        let Solved { seconds, system, linearisations, corners, megabytes } = measured.median;
         println!(
-            "| {} | {} | {:.4} | {} | {:.0} | {:.0} |",
-            measured.pictures,
-            measured.corners,
-            measured.seconds,
-            measured.iterations,
-            measured.megabytes,
-            measured.megabytes * 1e6 / measured.corners as f64
+            "| {count} | {corners} | {seconds:.4}, {:.4} | {system:.3} | {linearisations} | {megabytes:.0} | {:.0} |",
+            measured.least,
+            megabytes * 1e6 / corners
         );
         all.push(measured);
     }
     std::fs::write(file, curve(&all))?;
     Ok(())
+}
+
+/// Reads a problem, solves it and tells how that went: the numbers of [`Solved`].
+fn solve(file: &Path) -> Result<(), Box<dyn std::error::Error>> {
+    let given = problem_file::read(file)?;
+    let tree = FrameTree::new(&given.layout);
+    let plan = Plan::new(&given.layout, &tree, &given.recording)?;
+    let (clock, system) = (Instant::now(), system_seconds()?);
+    let mut state = given.start.clone();
+    let mut assembler = Assembler::new(&given.layout, &given.recording, &plan, Priors::default());
+    let report = minimise(&mut assembler, &tree, &mut state, &Options::default());
+    drop(assembler);
+    let (seconds, system) = (clock.elapsed().as_secs_f64(), system_seconds()? - system);
+    if !report.termination.converged() {
+        return Err(report.termination.words().into());
+    }
+    let status = std::fs::read_to_string("/proc/self/status")?;
+    let peak =
+        status.lines().find_map(|line| line.strip_prefix("VmHWM:")?.trim().strip_suffix(" kB")?.parse::<f64>().ok());
+    let megabytes = peak.ok_or("the system does not say how much memory is used")? * 1024.0 / 1e6;
+    println!("{seconds} {system} {} {} {megabytes}", report.iterations, plan.measurements.corner_count());
+    Ok(())
+}
+
+/// The processor's time that the system has spent on this process, in ticks of a hundredth.
+fn system_seconds() -> Result<f64, Box<dyn std::error::Error>> {
+    let text = std::fs::read_to_string("/proc/self/stat")?;
+    // The program's name, in parentheses, may hold spaces.
+    let after = text.rsplit(')').next().and_then(|rest| rest.split_whitespace().nth(12));
+    Ok(after.ok_or("the system does not say how long it worked")?.parse::<f64>()? * 0.01)
 }
 
 fn measure(pictures: u64) -> Result<Measured, Box<dyn std::error::Error>> {
@@ -53,38 +103,40 @@ fn measure(pictures: u64) -> Result<Measured, Box<dyn std::error::Error>> {
         board: sizes::Board::Small,
         plates: 0,
     };
+    let folder = tempfile::tempdir()?;
+    let file = folder.path().join("problem");
     let problem = sizes::problem(size, false);
     let tree = FrameTree::new(&problem.layout);
     let plan = Plan::new(&problem.layout, &tree, &problem.recording)?;
     let start = sizes::wrong_start(&problem, &tree, &plan);
-    // The peak of this solve, not that of the recording's making.
-    std::fs::write("/proc/self/clear_refs", "5")?;
-    // Small solves are repeated, so that the clock's and the system's noise is small beside them.
-    let rounds = (100_000 / pictures).clamp(3, 25);
-    let mut times = Vec::new();
-    let mut iterations = 0;
+    problem_file::write(BufWriter::new(File::create(&file)?), &problem.text, &problem.recording, &start)?;
+    drop((plan, problem, tree));
+    // Small solves are repeated more often, since the clock's and the system's noise is large beside them.
+    let rounds = (100_000 / pictures).clamp(7, 25);
+    let mut all = Vec::new();
     for _ in 0..rounds {
-        let clock = Instant::now();
-        let mut state = start.clone();
-        let mut assembler = Assembler::new(&problem.layout, &problem.recording, &plan, Priors::default());
-        let report = minimise(&mut assembler, &tree, &mut state, &Options::default());
-        times.push(clock.elapsed().as_secs_f64());
-        if !report.termination.converged() {
-            return Err(report.termination.words().into());
-        }
-        iterations = report.iterations;
+        let done = Command::new(std::env::current_exe()?).arg("solve").arg(&file).output()?;
+        let said = String::from_utf8(done.stdout)?;
+        let values = said.split_whitespace().map(str::parse).collect::<Result<Vec<f64>, _>>()?;
+        let [seconds, system, linearisations, corners, megabytes] = values[..] else {
+            return Err(String::from_utf8_lossy(&done.stderr).into());
+        };
+        all.push(Solved { seconds, system, linearisations, corners, megabytes });
     }
-    times.sort_by(f64::total_cmp);
-    let status = std::fs::read_to_string("/proc/self/status")?;
-    let peak =
-        status.lines().find_map(|line| line.strip_prefix("VmHWM:")?.trim().strip_suffix(" kB")?.parse::<f64>().ok());
-    Ok(Measured {
-        pictures,
-        corners: plan.measurements.corner_count(),
-        seconds: times[times.len() / 2],
-        iterations,
-        megabytes: peak.ok_or("the system does not say how much memory is used")? * 1024.0 / 1e6,
-    })
+    let middle = |what: fn(&Solved) -> f64| {
+        let mut values: Vec<f64> = all.iter().map(what).collect();
+        values.sort_by(f64::total_cmp);
+        values[values.len() / 2]
+    };
+    let median = Solved {
+        seconds: middle(|one| one.seconds),
+        system: middle(|one| one.system),
+        linearisations: middle(|one| one.linearisations),
+        corners: middle(|one| one.corners),
+        megabytes: middle(|one| one.megabytes),
+    };
+    let least = all.iter().fold(f64::INFINITY, |least, one| least.min(one.seconds));
+    Ok(Measured { pictures, least, median })
 }
 
 /// Both curves on logarithmic axes, with a line of slope one for comparison.
@@ -94,9 +146,9 @@ fn curve(all: &[Measured]) -> String {
     let (low, high) = (decade(all[0].pictures as f64).floor(), decade(all[all.len() - 1].pictures as f64).ceil());
     let x = |pictures: f64| margin + (decade(pictures) - low) / (high - low) * (width - 2.0 * margin);
     // As many decades upwards as sideways, from the first point's own decade.
-    let floor = decade(all[0].seconds).floor();
+    let floor = decade(all[0].median.seconds).floor();
     let y = |seconds: f64| height - margin - (decade(seconds) - floor) / (high - low) * (height - 2.0 * margin);
-    let bottom = decade(all[0].megabytes).floor();
+    let bottom = decade(all[0].median.megabytes).floor();
     let y_memory = |mb: f64| height - margin - (decade(mb) - bottom) / (high - low) * (height - 2.0 * margin);
     let mut svg = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" font-family=\"sans-serif\" font-size=\"12\">\n\
@@ -123,12 +175,15 @@ fn curve(all: &[Measured]) -> String {
         let _ = writeln!(svg, "<polyline points=\"{}\" fill=\"none\" {style}/>", path.join(" "));
     };
     let (first, last) = (&all[0], &all[all.len() - 1]);
-    let ideal = first.seconds * last.pictures as f64 / first.pictures as f64;
-    let ends = vec![(x(first.pictures as f64), y(first.seconds)), (x(last.pictures as f64), y(ideal))];
+    let ideal = first.median.seconds * last.pictures as f64 / first.pictures as f64;
+    let ends = vec![(x(first.pictures as f64), y(first.median.seconds)), (x(last.pictures as f64), y(ideal))];
     line(ends, "stroke=\"#999\" stroke-dasharray=\"4 4\"");
-    line(all.iter().map(|m| (x(m.pictures as f64), y(m.seconds))).collect(), "stroke=\"#0b62a4\" stroke-width=\"2\"");
     line(
-        all.iter().map(|m| (x(m.pictures as f64), y_memory(m.megabytes))).collect(),
+        all.iter().map(|m| (x(m.pictures as f64), y(m.median.seconds))).collect(),
+        "stroke=\"#0b62a4\" stroke-width=\"2\"",
+    );
+    line(
+        all.iter().map(|m| (x(m.pictures as f64), y_memory(m.median.megabytes))).collect(),
         "stroke=\"#c1440e\" stroke-width=\"2\"",
     );
     let _ = writeln!(

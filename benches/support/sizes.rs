@@ -18,7 +18,8 @@ use rand_chacha::ChaCha8Rng;
 
 /// What a bench solves.
 pub struct Problem {
-    /// What the solver is told: the truth's poses as mere starts.
+    /// What the solver is told, as a layout file says it: the truth's poses as mere starts.
+    pub text: String,
     pub layout: Layout,
     pub recording: Recording,
     /// The poses of what moves, by moving edge and configuration.
@@ -93,13 +94,13 @@ fn pose_text(pose: &Pose) -> String {
 
 /// A problem of a size, with or without free lenses.
 pub fn problem(size: Size, refine: bool) -> Problem {
-    let (layout, board) = cell(size, refine);
+    let (text, layout, board) = cell(size, refine);
     let (recording, moving) = record(&layout, size, &board);
-    Problem { layout, recording, moving }
+    Problem { text, layout, recording, moving }
 }
 
-/// The layout, and where the first board is in the middle of its space.
-fn cell(size: Size, refine: bool) -> (Layout, Pose) {
+/// The layout, as text and read, and where the first board is in the middle of its space.
+fn cell(size: Size, refine: bool) -> (String, Layout, Pose) {
     let paper = parse_layout(Path::new("paper.yaml"), &paper_size::truth(), None).expect("the layout is fine");
     let tree = FrameTree::new(&paper);
     let pose_of = |name: &str| {
@@ -172,7 +173,7 @@ fn cell(size: Size, refine: bool) -> (Layout, Pose) {
     }
     text += "solve: {loss: squared, pixel_sigma: 0.1}\n";
     let layout = parse_layout(Path::new("layout.yaml"), &text, None).unwrap_or_else(|e| panic!("{e}\n{text}"));
-    (layout, board)
+    (text, layout, board)
 }
 
 /// Spaces are alike and see nothing of each other, so each is recorded as if it were alone.
@@ -180,7 +181,7 @@ fn record(layout: &Layout, size: Size, board: &Pose) -> (Recording, BTreeMap<(us
     let mut random = ChaCha8Rng::seed_from_u64(7500);
     let mut joints: Vec<BTreeMap<u64, Vec<f64>>> = vec![BTreeMap::new(); size.spaces * size.robots];
     let mut moving = BTreeMap::new();
-    let (alone, _) = cell(Size { spaces: 1, ..size }, false);
+    let (_, alone, _) = cell(Size { spaces: 1, ..size }, false);
     let mut rows = Vec::new();
     for space in 0..size.spaces {
         let ids: Vec<u64> = (1..=size.stops).map(|stop| space as u64 * size.stops + stop).collect();

@@ -11,6 +11,7 @@ use std::sync::Arc;
 use super::held::Held;
 use super::names::Names;
 use crate::geometry::Feature;
+use crate::layout::Layout;
 
 /// One corner as a detector reports it.
 #[derive(Clone, Debug, PartialEq)]
@@ -103,6 +104,20 @@ impl Corners {
             }
         }
         Self::new(names, held)
+    }
+
+    /// Corners that come one by one, ascending by [`CornerRow::key`], of targets of a layout: all rows are never in memory at once. None if one is out of order or
+    /// of something that the layout does not have.
+    #[must_use]
+    pub fn ascending(layout: &Layout, rows: impl IntoIterator<Item = CornerRow>) -> Option<Self> {
+        let names = Arc::new(Names::of(layout));
+        let (rows, mut held) = (rows.into_iter(), Held::default());
+        held.reserve(rows.size_hint().0);
+        for CornerRow { configuration, shot, camera, target, feature, pixel, covariance } in rows {
+            let one = Appearance { configuration, shot, camera, target, ..Appearance::default() };
+            held.push(&one, names.mark(target, &feature)?, pixel, covariance);
+        }
+        held.is_ascending().then(|| Self::new(names, held))
     }
 
     /// How many there are.
@@ -279,6 +294,30 @@ mod tests {
             covariance: i.is_multiple_of(3).then_some([1.0, 0.0, 2.0]),
         };
         (0..60).map(row).collect()
+    }
+
+    #[test]
+    fn rows_that_ascend_need_not_be_held_at_once() {
+        let text = "cellmap: 1\nunits: {length: mm, angle: deg}\nworld: hall\ncameras:\n  eye: {intrinsics: {model: pinhole, size: [640, 480], \
+                    focal: [500, 500], centre: [320, 240]}, pose: {xyz: [0, 0, 0], rpy: [0, 0, 0]}}\ntargets:\n  board: {checkerboard: {corners: [4, 3], \
+                    square: 6}, pose: {xyz: [0, 0, 500], rpy: [0, 0, 0]}}\n";
+        let layout = crate::layout::parse_layout(std::path::Path::new("layout.yaml"), text, None).unwrap();
+        let row = |i: u64| CornerRow {
+            configuration: i / 24,
+            shot: i / 12 % 2,
+            camera: 0,
+            target: 0,
+            feature: Feature::BoardCorner((i % 12) as u32),
+            pixel: [i as f64, 0.5],
+            covariance: i.is_multiple_of(5).then_some([1.0, 0.0, 2.0]),
+        };
+        let rows: Vec<CornerRow> = (0..60).map(row).collect();
+        let corners = Corners::ascending(&layout, rows.iter().cloned()).unwrap();
+        assert_eq!(corners, Corners::from(rows.clone()));
+        assert_eq!(Corners::ascending(&layout, rows.iter().rev().cloned()), None);
+        assert_eq!(Corners::ascending(&layout, rows.iter().chain([&rows[59]]).cloned()), None);
+        let strange = CornerRow { feature: Feature::BoardCorner(12), ..row(60) };
+        assert_eq!(Corners::ascending(&layout, rows.into_iter().chain([strange])), None);
     }
 
     #[test]

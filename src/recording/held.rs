@@ -86,7 +86,7 @@ impl Held {
     }
 
     /// Whether the corners are in order and no two are the same.
-    fn is_ascending(&self) -> bool {
+    pub(super) fn is_ascending(&self) -> bool {
         let in_order = |one: &Appearance| self.marks[one.corners()].is_sorted_by(|a, b| a < b);
         self.appearances.is_sorted_by(|a, b| a.key() < b.key()) && self.appearances.iter().all(in_order)
     }

@@ -5,7 +5,6 @@
 //! there were. After the first linearisation nothing is allocated any more.
 
 use pulp::Arch;
-use rayon::prelude::*;
 
 use super::chain::{SegmentValues, pose_along, pose_and_jacobian};
 use super::corners::{self, View};
@@ -18,7 +17,8 @@ pub use super::normal::Normal;
 use super::pack::Packed;
 use super::plan::{Block, CompiledPath, Group, GroupKind, Plan};
 use super::prior::Priors;
-use super::robots::{RobotData, fill_segments, robot_data};
+use super::robots::{RobotData, Wanted, fill_segments, robot_data};
+use super::share::{Rooms, each, find};
 use super::state::State;
 use super::unknowns::{UnknownKind, Unknowns};
 use crate::geometry::{Intrinsics, LensModel, Pose};
@@ -54,6 +54,8 @@ pub struct Assembler<'a> {
     /// What linearisations weigh by in the place of the loss.
     guide: Option<Loss>,
     curved: bool,
+    /// Whether one thread is enough for all of the plan.
+    alone: bool,
     pub(super) arch: Arch,
     pub(super) lens_models: Vec<LensModel>,
     pub(super) robots: Vec<RobotData<'a>>,
@@ -63,7 +65,21 @@ pub struct Assembler<'a> {
     /// What is linearised: all of the plan, but for a first search of a part.
     pub(super) cut: Cut,
     packed: Packed,
+    rooms: Rooms,
     pub(super) segments: Vec<SegmentValues>,
+}
+
+impl Scratch {
+    /// Room for blocks of any group, so that none is made later.
+    fn new(shapes: &[Shape]) -> Self {
+        let widest = shapes.iter().map(|shape| shape.width).max().unwrap_or(0);
+        let rows = if shapes.iter().all(|shape| shape.lens.is_empty()) { 0 } else { corners::MOST_ROOM };
+        Self {
+            jacobian: Vec::with_capacity(widest),
+            room: Vec::with_capacity(Expand::room(widest)),
+            condensed: Condensed { rows: Vec::with_capacity(rows), ..Condensed::default() },
+        }
+    }
 }
 
 impl<'a> Assembler<'a> {
@@ -72,18 +88,21 @@ impl<'a> Assembler<'a> {
     pub fn new(layout: &'a Layout, recording: &'a Recording, plan: &'a Plan, priors: Priors) -> Self {
         let model = |intrinsics: &Option<Intrinsics>| intrinsics.as_ref().map_or(LensModel::Pinhole, Intrinsics::model);
         let shapes: Vec<Shape> = plan.groups.iter().map(|group| shape(&plan.unknowns, group)).collect();
+        let cut = Cut::new(plan, &shapes, None);
         Self {
             plan,
             loss: plan.settings.loss.into(),
             guide: None,
             curved: false,
+            alone: cut.is_small(),
             arch: Arch::new(),
             lens_models: layout.cameras.iter().map(|camera| model(&camera.intrinsics)).collect(),
             robots: robot_data(layout, recording, plan),
             priors,
-            cut: Cut::new(plan, &shapes, None),
+            cut,
             shapes,
             packed: Packed::default(),
+            rooms: Rooms::default(),
             segments: vec![SegmentValues::default(); plan.segments.len()],
         }
     }
@@ -120,27 +139,30 @@ impl<'a> Assembler<'a> {
         self.curved || self.loss == Loss::Squared
     }
 
-    /// Lays out the corners for the loss in force, if they are not.
-    fn pack(&mut self) {
+    /// Lays out the corners for the loss in force, and makes room for every thread, if that is not done.
+    fn prepare(&mut self) {
+        let shapes = &self.shapes;
+        self.rooms.fit(self.cut.is_small(), || Scratch::new(shapes));
         let folded = self.loss == Loss::Squared;
         if self.packed.folded != Some(folded) {
             // The old layout goes first, so that there is never room for both.
             self.packed = Packed::default();
-            self.packed = Packed::new(self.plan, corners::lanes(self.arch), folded, self.cut.apiece());
+            self.packed = Packed::new(self.plan, corners::lanes(self.arch), folded, self.alone);
         }
     }
 
     fn fill_bundles(&self, state: &State, segments: &[SegmentValues], bundles: &mut [Bundle]) {
-        bundles.par_iter_mut().with_min_len(self.cut.apiece()).for_each(|bundle| {
-            bundle.fill((self.plan, &self.shapes), state, |group, shape, block, scratch, matrix| {
-                self.expand(group, shape, block, state, segments, scratch, matrix)
+        each(self.cut.is_small(), bundles, |bundle| {
+            let mut scratch = self.rooms.own();
+            bundle.fill((self.plan, &self.shapes), state, |group, shape, block, matrix| {
+                self.expand(group, shape, block, state, segments, &mut scratch, matrix)
             });
         });
     }
 
     /// Fills the robots' segments and every local unit, and nothing else.
     pub(super) fn linearise_locally(&mut self, state: &State) {
-        self.pack();
+        self.prepare();
         let segments = self.take_segments(state, true);
         let mut bundles = std::mem::take(&mut self.cut.bundles);
         self.fill_bundles(state, &segments, &mut bundles);
@@ -149,17 +171,18 @@ impl<'a> Assembler<'a> {
 
     /// Linearises at `state`: fills the normal equations and every local unit. Returns the cost.
     pub fn linearise(&mut self, state: &State, normal: &mut Normal) -> f64 {
-        self.pack();
+        self.prepare();
         let segments = self.take_segments(state, true);
         let (mut units, mut local) = (std::mem::take(&mut self.cut.units), std::mem::take(&mut self.cut.bundles));
         let this: &Self = self;
-        units.par_iter_mut().with_min_len(this.cut.apiece()).for_each(|unit| {
+        each(this.cut.is_small(), &mut units, |unit| {
+            let mut scratch = this.rooms.own();
             unit.matrix.fill(0.0);
             unit.cost = 0.0;
             let group = &this.plan.groups[unit.group];
             for &block in &unit.blocks {
                 let (shape, block) = (&this.shapes[unit.group], &group.blocks[block as usize]);
-                unit.cost += this.expand(group, shape, block, state, &segments, &mut unit.scratch, &mut unit.matrix);
+                unit.cost += this.expand(group, shape, block, state, &segments, &mut scratch, &mut unit.matrix);
             }
         });
         this.fill_bundles(state, &segments, &mut local);
@@ -203,18 +226,18 @@ impl<'a> Assembler<'a> {
 
     /// The robust cost at `state`, and nothing else.
     pub fn cost(&mut self, state: &State) -> f64 {
-        self.pack();
+        self.prepare();
         let segments = self.take_segments(state, false);
         let mut costs = std::mem::take(&mut self.cut.costs);
-        let (this, apiece): (&Self, usize) = (self, self.cut.apiece());
+        let (this, alone): (&Self, bool) = (self, self.cut.is_small());
         let block_cost = |group: &Group, block: &Block| this.block_cost(group, block, state, &segments);
         let (of_units, of_bundles) = costs.split_at_mut(this.cut.units.len());
-        this.cut.units.par_iter().with_min_len(apiece).zip(of_units).for_each(|(unit, cost)| {
+        find(alone, &this.cut.units, of_units, |unit| {
             let group = &this.plan.groups[unit.group];
-            *cost = unit.blocks.iter().map(|block| block_cost(group, &group.blocks[*block as usize])).sum();
+            unit.blocks.iter().map(|block| block_cost(group, &group.blocks[*block as usize])).sum()
         });
-        this.cut.bundles.par_iter().with_min_len(apiece).zip(of_bundles).for_each(|(bundle, cost)| {
-            *cost = bundle.units.iter().map(|unit| unit.cost_of(this.plan, state, block_cost)).sum();
+        find(alone, &this.cut.bundles, of_bundles, |bundle| {
+            bundle.units.iter().map(|unit| unit.cost_of(this.plan, state, block_cost)).sum()
         });
         let total = costs.iter().sum::<f64>() + this.priors.cost(state);
         (self.segments, self.cut.costs) = (segments, costs);
@@ -225,7 +248,8 @@ impl<'a> Assembler<'a> {
     pub(super) fn take_segments(&mut self, state: &State, derivatives: bool) -> Vec<SegmentValues> {
         let mut segments = std::mem::take(&mut self.segments);
         let seen = self.cut.configurations.as_deref();
-        fill_segments(self.plan, &self.robots, state, derivatives, seen, &mut segments);
+        let what = Wanted { derivatives, seen, alone: self.alone };
+        fill_segments(self.plan, &self.robots, state, what, &mut segments);
         segments
     }
 

@@ -9,11 +9,11 @@ use std::marker::PhantomData;
 
 use pulp::{Arch, Simd, WithSimd};
 
+use super::chunk::{PIXEL, PackedBlock, WEIGHT};
 use super::kernels::{Condensed, WIDEST};
 use super::lanes::{Lanes, Splat, Truths};
 use super::lens_lanes::{Differentiated, LensLanes, Projected};
 use super::loss::Loss;
-use super::pack::{PIXEL, PackedBlock, WEIGHT};
 use super::robust_lanes::Robust;
 use crate::geometry::Pose;
 use crate::geometry::lens::{MAX_PARAMETERS, with_lens};
@@ -124,6 +124,8 @@ const WIDE: usize = 4;
 const ASIDE: usize = 32;
 /// Numbers in a line of the processor's cache.
 const LINE: usize = 8;
+/// Numbers of the rows set aside at most: of the largest lens.
+pub(super) const MOST_ROOM: usize = ASIDE * (4 * WIDEST.div_ceil(WIDE) * WIDE + 1) + LINE;
 
 impl<L: LensLanes, const W: usize, const P: usize, const R: usize> WithSimd for CondenseFree<'_, '_, L, W, P, R> {
     type Output = ();

@@ -1,6 +1,6 @@
 //! The work of a linearisation, cut into pieces that threads share.
 
-use super::assemble::{Scratch, Shape};
+use super::assemble::Shape;
 use super::local::{Bundle, bundles};
 use super::plan::{Group, Plan};
 
@@ -22,7 +22,6 @@ pub(super) struct Unit {
     /// Row-major over (path columns, active lens columns, residual).
     pub(super) matrix: Vec<f64>,
     pub(super) cost: f64,
-    pub(super) scratch: Scratch,
 }
 
 /// All blocks of a plan or some of them, in units and bundles.
@@ -54,13 +53,7 @@ impl Cut {
             for (place, block) in group.blocks.iter().enumerate().filter(|(_, block)| wanted(block.place)) {
                 if room == 0 {
                     let matrix = vec![0.0; width * width];
-                    units.push(Unit {
-                        group: index,
-                        blocks: Vec::new(),
-                        matrix,
-                        cost: 0.0,
-                        scratch: Scratch::default(),
-                    });
+                    units.push(Unit { group: index, blocks: Vec::new(), matrix, cost: 0.0 });
                     room = most;
                 }
                 if let Some(unit) = units.last_mut() {
@@ -80,12 +73,7 @@ impl Cut {
         Self { units, bundles, costs, configurations, measurements: all }
     }
 
-    /// How many units or bundles a task takes at least: all of them where one thread is enough, so that no other is woken.
-    pub(super) fn apiece(&self) -> usize {
-        if self.is_small() { usize::MAX } else { 1 }
-    }
-
-    /// Whether one thread is enough.
+    /// Whether one thread is enough: no other is woken, or even started.
     pub(super) fn is_small(&self) -> bool {
         self.measurements <= ALONE
     }

@@ -5,6 +5,9 @@ use pulp::{Simd, WithSimd};
 use super::kernels::Condensed;
 use super::lanes::Lanes;
 
+/// Numbers in the largest register of any machine.
+const WIDEST_REGISTER: usize = 8;
+
 /// The task of adding `[B 0; 0 S]^T M [B 0; 0 S]` to a compact matrix, where `B` (6 x columns) is the chain Jacobian and `S` picks the active lens
 /// parameters. Whole registers are added, so that what is left below the diagonal is no matter.
 pub(super) struct Expand<'a> {
@@ -14,6 +17,13 @@ pub(super) struct Expand<'a> {
     /// Room for `B` and the first six rows of `M [B 0; 0 S]`, row by row in whole registers.
     pub(super) room: &'a mut Vec<f64>,
     pub(super) out: &'a mut [f64],
+}
+
+impl Expand<'_> {
+    /// Numbers in `room` at most for a compact matrix of so many columns, on any machine.
+    pub(super) fn room(width: usize) -> usize {
+        12 * width.next_multiple_of(WIDEST_REGISTER)
+    }
 }
 
 impl WithSimd for Expand<'_> {

@@ -1,6 +1,6 @@
 //! Several observations made one.
 
-use super::pack::WEIGHT;
+use super::chunk::WEIGHT;
 
 /// The one observation that stands for several under least squares: the weighted mean, and the summed weights. With half the weighted sum of squares about
 /// the mean as constant, `sum |W_i (x - x_i)|^2 = |W (x - mean)|^2 + 2 constant` for every `x`.

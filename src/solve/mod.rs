@@ -11,6 +11,7 @@
 mod approach;
 pub mod assemble;
 mod chain;
+mod chunk;
 mod corners;
 mod cut;
 mod dense;
@@ -35,6 +36,7 @@ mod refined;
 mod report;
 mod robots;
 mod robust_lanes;
+mod share;
 mod sparse;
 mod state;
 mod step;

@@ -9,58 +9,13 @@
 
 use rayon::prelude::*;
 
+use super::chunk::{Chunk, PIXEL, PackedBlock, Place, Room, WEIGHT};
 use super::mean::Mean;
 use super::measurements::Measurements;
 use super::plan::{Block, GroupKind, Plan};
 
-/// Numbers of one observation's pixel: u, v (px).
-pub(super) const PIXEL: usize = 2;
-/// Numbers of one observation's weight `W^T W`: uu, uv, vv (1/px^2).
-pub(super) const WEIGHT: usize = 3;
-
 /// Blocks whose corners lie in one piece of memory.
 const CHUNK: usize = 64;
-
-/// The corners of some neighbouring blocks. What is said of registers here has `lanes` numbers for each; a spare lane repeats a point and weighs nothing.
-#[derive(Clone, Debug, Default)]
-struct Chunk {
-    /// For each register of points: x, y, z (m).
-    points: Vec<f64>,
-    /// For each register where its observations end, counted from the block's first.
-    ends: Vec<u32>,
-    /// For each register how many corners stand behind each point; zero in a spare lane.
-    counts: Vec<f64>,
-    /// For each register and each observation of it: [`WEIGHT`].
-    weights: Vec<f64>,
-    /// The same: [`PIXEL`].
-    pixels: Vec<f64>,
-}
-
-/// Where the corners of a block are.
-#[derive(Clone, Copy, Debug, Default)]
-struct Place {
-    chunk: usize,
-    /// The first register of points, and how many there are.
-    first: usize,
-    registers: usize,
-    /// The first observation's weight, its pixel, and how many observations there are.
-    weight: usize,
-    pixel: usize,
-    observations: usize,
-    constant: f64,
-}
-
-/// The corners of one block; see [`Chunk`] for the layout.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct PackedBlock<'a> {
-    pub(super) points: &'a [f64],
-    pub(super) ends: &'a [u32],
-    pub(super) counts: &'a [f64],
-    pub(super) weights: &'a [f64],
-    pub(super) pixels: &'a [f64],
-    /// The cost that no state can lower: what the observations of one point disagree by.
-    pub(super) constant: f64,
-}
 
 /// All corners of a plan.
 #[derive(Clone, Debug, Default)]
@@ -74,57 +29,55 @@ pub(super) struct Packed {
 }
 
 impl Packed {
-    /// Packs the corners of a plan for registers of `lanes` numbers, at least `apiece` pieces a task.
-    pub(super) fn new(plan: &Plan, lanes: usize, folded: bool, apiece: usize) -> Self {
+    /// Packs the corners of a plan for registers of `lanes` numbers, on this thread alone if that is enough.
+    pub(super) fn new(plan: &Plan, lanes: usize, folded: bool, alone: bool) -> Self {
         let corners = plan.groups.iter().filter(|group| matches!(group.kind, GroupKind::Corners { .. }));
-        let runs: Vec<&[Block]> = corners.flat_map(|group| group.blocks.chunks(CHUNK)).collect();
-        let pack = |order: &mut Order, run: &&[Block]| {
-            let mut chunk = Chunk::default();
-            if let (false, Some(first), Some(last)) = (folded, run.first(), run.last()) {
-                // Room for full registers; blocks that need more are rare.
-                chunk.pixels.reserve(PIXEL * (last.end - first.start + lanes * run.len()));
-            }
+        let blocks = plan.groups.iter().flat_map(|group| &group.blocks);
+        let mut places = vec![Place::default(); blocks.map(|block| block.place + 1).max().unwrap_or(0)];
+        let (mut rest, mut passed, mut runs) = (&mut places[..], 0, Vec::new());
+        for run in corners.flat_map(|group| group.blocks.chunks(CHUNK)) {
+            // Places ascend through all groups. Some are of no block any more.
+            let end = run[run.len() - 1].place + 1;
+            let (own, after) = std::mem::take(&mut rest).split_at_mut(end - passed);
+            runs.push((run, &mut own[run[0].place - passed..]));
+            (rest, passed) = (after, end);
+        }
+        let pack = |order: &mut Order, (number, (run, places)): (usize, (&[Block], &mut [Place]))| {
+            let mut chunk = Chunk::with_room(&order.room);
             order.known.clear();
             order.points.clear();
             order.before = None;
-            let mut places: Vec<Place> = Vec::with_capacity(run.len());
-            for block in *run {
-                let place = order.pack(&plan.measurements, block, lanes, folded, places.last(), &mut chunk);
-                places.push(place);
+            let mut last: Option<Place> = None;
+            for block in run {
+                let place = order.pack(&plan.measurements, block, lanes, folded, last.as_ref(), &mut chunk);
+                places[block.place - run[0].place] = Place { chunk: number as u32, ..place };
+                last = Some(place);
             }
-            (chunk, places)
+            order.room = chunk.room();
+            chunk
         };
-        let packed: Vec<(Chunk, Vec<Place>)> =
-            runs.par_iter().with_min_len(apiece).map_init(Order::default, pack).collect();
-        let blocks = plan.groups.iter().flat_map(|group| &group.blocks);
-        let mut all = Self {
-            chunks: Vec::with_capacity(packed.len()),
-            places: vec![Place::default(); blocks.map(|block| block.place + 1).max().unwrap_or(0)],
-            lanes,
-            folded: Some(folded),
+        let chunks = if alone {
+            let mut order = Order::default();
+            runs.into_iter().enumerate().map(|run| pack(&mut order, run)).collect()
+        } else {
+            runs.into_par_iter().enumerate().map_init(Order::default, pack).collect()
         };
-        for (run, (chunk, places)) in runs.into_iter().zip(packed) {
-            for (block, place) in run.iter().zip(places) {
-                all.places[block.place] = Place { chunk: all.chunks.len(), ..place };
-            }
-            all.chunks.push(chunk);
-        }
-        all
+        Self { chunks, places, lanes, folded: Some(folded) }
     }
 
     /// The corners of a block.
     #[inline]
     pub(super) fn block(&self, block: &Block) -> PackedBlock<'_> {
         let place = self.places[block.place];
-        let (chunk, lanes) = (&self.chunks[place.chunk], self.lanes);
-        let registers = place.first..place.first + place.registers;
-        let part = |start: usize, size: usize| start * size * lanes..(start + place.observations) * size * lanes;
+        let (chunk, lanes) = (&self.chunks[place.chunk as usize], self.lanes);
+        let registers = place.registers();
+        let part = |start: usize, size: usize| start..start + place.observations as usize * size * lanes;
         PackedBlock {
             points: &chunk.points[registers.start * 3 * lanes..registers.end * 3 * lanes],
             ends: &chunk.ends[registers.clone()],
             counts: &chunk.counts[registers.start * lanes..registers.end * lanes],
-            weights: &chunk.weights[part(place.weight, WEIGHT)],
-            pixels: &chunk.pixels[part(place.pixel, PIXEL)],
+            weights: &chunk.weights[part(place.weight(lanes), WEIGHT)],
+            pixels: &chunk.pixels[part(place.pixel(lanes), PIXEL)],
             constant: place.constant,
         }
     }
@@ -147,6 +100,8 @@ struct Order {
     counts: Vec<[u32; 2]>,
     counts_before: Vec<[u32; 2]>,
     means: Vec<Mean>,
+    /// What the chunk before took.
+    room: Room,
     /// The block that was sorted last.
     before: Option<Block>,
 }
@@ -212,21 +167,22 @@ impl Order {
         let [again, weighed] = self.sort_again(m, block);
         let like = last.filter(|_| again || (self.points == self.points_before && self.shown_as_often()));
         let mut place = Place {
-            first: like.map_or(out.ends.len(), |last| last.first),
-            registers: self.points.len().div_ceil(lanes),
-            weight: out.weights.len() / (WEIGHT * lanes),
-            pixel: out.pixels.len() / (PIXEL * lanes),
+            first: like.map_or(out.ends.len() as u32, |last| last.first),
+            registers: self.points.len().div_ceil(lanes) as u32,
+            weight: (out.weights.len() / (WEIGHT * lanes)) as u32,
+            pixel: (out.pixels.len() / (PIXEL * lanes)) as u32,
             ..Place::default()
         };
         match like {
             Some(last) => place.observations = last.observations,
             None => place.observations = self.pack_points(lanes, folded, out),
         }
+        let observations = place.observations as usize;
         match last.filter(|_| weighed) {
             Some(last) => place.weight = last.weight,
-            None => out.weights.resize(out.weights.len() + place.observations * WEIGHT * lanes, 0.0),
+            None => out.weights.resize(out.weights.len() + observations * WEIGHT * lanes, 0.0),
         }
-        out.pixels.resize(out.pixels.len() + place.observations * PIXEL * lanes, 0.0);
+        out.pixels.resize(out.pixels.len() + observations * PIXEL * lanes, 0.0);
         if self.point_of.len() == self.points.len() && self.points.len() == block.end - block.start {
             put_all(out, &place, lanes, m, block, !weighed);
         } else if folded {
@@ -239,7 +195,7 @@ impl Order {
             let corners = (block.start..block.end).filter(|i| m.is_kept(*i));
             for (i, &point) in corners.zip(&self.point_of) {
                 let (register, lane) = (point as usize / lanes, point as usize % lanes);
-                let before = if register == 0 { 0 } else { out.ends[place.first + register - 1] };
+                let before = if register == 0 { 0 } else { out.ends[place.first as usize + register - 1] };
                 let done = &mut self.counts[point as usize][1];
                 let observation = (before + *done) as usize;
                 *done += 1;
@@ -259,7 +215,7 @@ impl Order {
     }
 
     /// Appends the points; returns the number of observations.
-    fn pack_points(&self, lanes: usize, folded: bool, out: &mut Chunk) -> usize {
+    fn pack_points(&self, lanes: usize, folded: bool, out: &mut Chunk) -> u32 {
         let mut observations = 0;
         for start in (0..self.points.len()).step_by(lanes) {
             let points = start..self.points.len().min(start + lanes);
@@ -273,7 +229,7 @@ impl Order {
             out.counts.extend(points.clone().map(|i| f64::from(self.counts[i][0])));
             out.counts.resize(out.ends.len() * lanes, 0.0);
         }
-        observations as usize
+        observations
     }
 
     /// Makes all corners of a point one; returns the constant cost.
@@ -325,17 +281,17 @@ fn put(
     pixel: [f64; PIXEL],
     weight: Option<[f64; WEIGHT]>,
 ) {
-    let to = &mut out.pixels[(place.pixel + observation) * PIXEL * lanes..];
+    let to = &mut out.pixels[place.pixel(lanes) + observation * PIXEL * lanes..];
     (to[lane], to[lanes + lane]) = (pixel[0], pixel[1]);
     if let Some(weight) = weight {
-        let to = &mut out.weights[(place.weight + observation) * WEIGHT * lanes..];
+        let to = &mut out.weights[place.weight(lanes) + observation * WEIGHT * lanes..];
         (to[lane], to[lanes + lane], to[2 * lanes + lane]) = (weight[0], weight[1], weight[2]);
     }
 }
 
 /// Writes the observations of a block that shows each of its points once, so that they come in the order of its corners.
 fn put_all(out: &mut Chunk, place: &Place, lanes: usize, m: &Measurements, block: &Block, weights: bool) {
-    let pixels = &mut out.pixels[place.pixel * PIXEL * lanes..];
+    let pixels = &mut out.pixels[place.pixel(lanes)..];
     for (first, to) in (block.start..block.end).step_by(lanes).zip(pixels.chunks_exact_mut(PIXEL * lanes)) {
         let (u, v) = to.split_at_mut(lanes);
         for ((i, u), v) in (first..block.end).zip(u).zip(v) {
@@ -343,7 +299,7 @@ fn put_all(out: &mut Chunk, place: &Place, lanes: usize, m: &Measurements, block
         }
     }
     if weights {
-        let to = &mut out.weights[place.weight * WEIGHT * lanes..];
+        let to = &mut out.weights[place.weight(lanes)..];
         for (first, to) in (block.start..block.end).step_by(lanes).zip(to.chunks_exact_mut(WEIGHT * lanes)) {
             for (lane, i) in (first..block.end.min(first + lanes)).enumerate() {
                 let [uu, uv, vv] = weight(m.whitener(i));
@@ -355,10 +311,10 @@ fn put_all(out: &mut Chunk, place: &Place, lanes: usize, m: &Measurements, block
 
 /// Drops the weights of the newest block if they are those of the one before it, which shows the same points.
 fn share_weights(out: &mut Chunk, lanes: usize, last: &Place, place: &mut Place) {
-    let (before, newest) = out.weights.split_at(place.weight * WEIGHT * lanes);
-    let before = &before[last.weight * WEIGHT * lanes..][..newest.len()];
+    let (before, newest) = out.weights.split_at(place.weight(lanes));
+    let before = &before[last.weight(lanes)..][..newest.len()];
     if all_alike(before, newest, |a, b| a.to_bits() == b.to_bits()) {
-        out.weights.truncate(place.weight * WEIGHT * lanes);
+        out.weights.truncate(place.weight(lanes));
         place.weight = last.weight;
     }
 }

@@ -1,6 +1,7 @@
 //! The robots' part of every path: poses of the segments at each configuration, and how link parameters move them.
 
 use rayon::prelude::*;
+use std::collections::BTreeMap;
 
 use super::chain::SegmentValues;
 use super::plan::{Plan, Stop};
@@ -38,10 +39,10 @@ pub(super) fn robot_data<'a>(layout: &'a Layout, recording: &'a Recording, plan:
         match &recording.motions[index] {
             RobotMotion::Joints(values) => {
                 data.joints =
-                    plan.configurations.iter().map(|c| values.get(c).map_or(&[][..], Vec::as_slice)).collect();
+                    at(&plan.configurations, values).map(|joints| joints.map_or(&[][..], Vec::as_slice)).collect();
             }
             RobotMotion::Flange(poses) => {
-                data.flange = plan.configurations.iter().map(|c| poses.get(c).copied().unwrap_or_default()).collect();
+                data.flange = at(&plan.configurations, poses).map(|pose| pose.copied().unwrap_or_default()).collect();
             }
         }
         data
@@ -49,24 +50,43 @@ pub(super) fn robot_data<'a>(layout: &'a Layout, recording: &'a Recording, plan:
     layout.robots.iter().enumerate().map(one).collect()
 }
 
-/// Configurations a task takes at least: fewer are not worth waking another thread.
+/// What is recorded at each of some configurations, ascending. One walk over both, since to look up each takes the longer the more there are.
+fn at<'a, T>(configurations: &[u64], recorded: &'a BTreeMap<u64, T>) -> impl Iterator<Item = Option<&'a T>> {
+    let mut known = recorded.range(configurations.first().copied().unwrap_or(0)..).peekable();
+    configurations.iter().map(move |wanted| {
+        while known.next_if(|(configuration, _)| *configuration < wanted).is_some() {}
+        known.peek().filter(|(configuration, _)| *configuration == wanted).map(|(_, one)| *one)
+    })
+}
+
+/// Configurations a task takes: fewer are not worth waking another thread.
 const APIECE: usize = 64;
 
-/// Evaluates every segment of the plan at every configuration; of a robot that is being identified at those only that are `seen`, if they are named.
-/// Nothing is allocated when `out` has been filled once.
+/// What [`fill_segments`] is to fill.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Wanted<'a> {
+    /// How link parameters move the segments, too.
+    pub(super) derivatives: bool,
+    /// Of a robot that is being identified only these configurations, if they are named.
+    pub(super) seen: Option<&'a [bool]>,
+    /// Whether one thread is enough.
+    pub(super) alone: bool,
+}
+
+/// Evaluates every segment of the plan at every configuration. Nothing is allocated when `out` has been filled once.
 pub(super) fn fill_segments(
     plan: &Plan,
     robots: &[RobotData<'_>],
     state: &State,
-    derivatives: bool,
-    seen: Option<&[bool]>,
+    wanted: Wanted<'_>,
     out: &mut [SegmentValues],
 ) {
     let count = plan.configurations.len();
     for (segment, values) in plan.segments.iter().zip(out) {
         let robot = &robots[segment.robot];
+        let links = &robot.wanted;
         // A robot that is not identified stands where it stands: computed once.
-        let still = robot.wanted.is_empty();
+        let still = links.is_empty();
         if still && values.poses.len() == count {
             continue;
         }
@@ -75,25 +95,38 @@ pub(super) fn fill_segments(
             continue;
         };
         let (from, to, corrections) = (segment.from, segment.to, &state.corrections[segment.robot]);
-        values.poses.resize(count, Pose::identity());
-        let is_seen = |place: usize| still || seen.is_none_or(|seen| seen[place]);
-        let wanted = |place: usize, joints: &[f64]| !joints.is_empty() && is_seen(place);
-        let known = robot.joints.par_iter().with_min_len(APIECE).zip(&mut values.poses).enumerate();
-        if derivatives && !still {
-            let links = &robot.wanted;
-            values.jacobians.resize(count * links.len(), [0.0; 6]);
-            let columns = values.jacobians.par_chunks_mut(links.len());
-            known.zip(columns).for_each(|((place, (joints, pose)), columns)| {
-                if wanted(place, joints) {
-                    *pose = chain.differentiate_segment(joints, corrections, from, to, links, columns);
+        let is_seen = |place: usize| still || wanted.seen.is_none_or(|seen| seen[place]);
+        let fill = |first: usize, poses: &mut [Pose], jacobians: &mut [[f64; 6]]| {
+            let mut columns = jacobians.chunks_exact_mut(links.len().max(1));
+            for (place, pose) in (first..).zip(poses) {
+                let (joints, columns) = (robot.joints[place], columns.next());
+                if joints.is_empty() || !is_seen(place) {
+                    continue;
                 }
-            });
-        } else {
-            known.for_each(|(place, (joints, pose))| {
-                if wanted(place, joints) {
-                    *pose = chain.segment(joints, corrections, from, to);
-                }
-            });
+                *pose = match columns {
+                    Some(columns) => chain.differentiate_segment(joints, corrections, from, to, links, columns),
+                    None => chain.segment(joints, corrections, from, to),
+                };
+            }
+        };
+        let SegmentValues { poses, jacobians } = values;
+        poses.resize(count, Pose::identity());
+        let differentiated = wanted.derivatives && !still;
+        if differentiated {
+            jacobians.resize(count * links.len(), [0.0; 6]);
+        }
+        match (wanted.alone, differentiated) {
+            (true, true) => fill(0, poses, jacobians),
+            (true, false) => fill(0, poses, &mut []),
+            (false, true) => {
+                let columns = jacobians.par_chunks_mut(APIECE * links.len());
+                let runs = poses.par_chunks_mut(APIECE).zip(columns).enumerate();
+                runs.for_each(|(run, (poses, columns))| fill(run * APIECE, poses, columns));
+            }
+            (false, false) => {
+                let runs = poses.par_chunks_mut(APIECE).enumerate();
+                runs.for_each(|(run, poses)| fill(run * APIECE, poses, &mut []));
+            }
         }
     }
 }
@@ -105,4 +138,18 @@ pub(super) fn stops(layout: &Layout) -> Vec<Stop> {
         Some(Stop { robot, sigma: PoseSigma { translation: [translation; 3], rotation: [rotation; 3] } })
     };
     layout.robots.iter().enumerate().filter_map(one).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_recorded_is_found_where_it_is() {
+        let recorded: BTreeMap<u64, u64> = [1, 4, 5, 9, 12].into_iter().map(|c| (c, 10 * c)).collect();
+        for wanted in [&[0, 1, 2, 5, 9, 10, 12, 13][..], &[4, 5], &[12], &[13, 14], &[]] {
+            let found: Vec<Option<&u64>> = at(wanted, &recorded).collect();
+            assert_eq!(found, wanted.iter().map(|c| recorded.get(c)).collect::<Vec<_>>());
+        }
+    }
 }

@@ -1,8 +1,7 @@
 //! One step of all unknowns: solving the damped equations, and taking it.
 
-use rayon::prelude::*;
-
 use super::assemble::{Assembler, Normal};
+use super::share::each;
 use super::state::State;
 use super::system::System;
 use crate::frames::FrameTree;
@@ -44,9 +43,9 @@ impl Step {
         lambda: f64,
     ) -> bool {
         self.system.load(normal, scaling, lambda);
-        let (apiece, arch) = (assembler.cut.apiece(), assembler.arch);
+        let (alone, arch) = (assembler.cut.is_small(), assembler.arch);
         let bundles = &mut assembler.cut.bundles;
-        bundles.par_iter_mut().with_min_len(apiece).for_each(|bundle| bundle.eliminate(arch, lambda));
+        each(alone, bundles, |bundle| bundle.eliminate(arch, lambda));
         for bundle in &*bundles {
             let Some(taken) = bundle.taken() else { return false };
             self.system.take(&bundle.shared, taken);
@@ -54,7 +53,7 @@ impl Step {
         let Some(solution) = self.system.solve() else { return false };
         self.shared.copy_from_slice(solution);
         let shared = &self.shared;
-        bundles.par_iter_mut().with_min_len(apiece).for_each(|bundle| bundle.back_substitute(arch, shared, lambda));
+        each(alone, bundles, |bundle| bundle.back_substitute(arch, shared, lambda));
         let (mut slope, mut damping) = (0.0, 0.0);
         for ((d, gradient), scale) in shared.iter().zip(&normal.gradient).zip(scaling) {
             slope -= gradient * d;
@@ -72,9 +71,9 @@ impl Step {
     pub(super) fn apply(&self, assembler: &mut Assembler<'_>, tree: &FrameTree, state: &State, next: &mut State) {
         next.copy_from(state);
         next.advance(&assembler.plan.unknowns, tree, &self.shared);
-        let apiece = assembler.cut.apiece();
+        let alone = assembler.cut.is_small();
         let bundles = &mut assembler.cut.bundles;
-        bundles.par_iter_mut().with_min_len(apiece).for_each(|bundle| bundle.step_from(state));
+        each(alone, bundles, |bundle| bundle.step_from(state));
         bundles.iter().for_each(|bundle| bundle.go(next));
     }
 }

@@ -7,7 +7,8 @@ Builds both (cargo; g++ with Debian's libceres-dev), writes each problem once, r
 cost (1e-8 relative) and the same poses (1e-9 m). Where Ceres stopped too early for that, it runs once more to the last digit of the cost, and both distances are
 told. Ceres has two threads and the best of its linear solvers: the first round tries all that suit the size, later
 ones repeat the quickest. Each figure is the median of its rounds; what takes longer than --long is not repeated. On a machine with other work the
-processor's time says more than the wall's.
+processor's time says more than the wall's. Memory is all that a process ever held, reading the problem from a file included; of it, what is not
+pages of the program and of libraries is its own.
 
 Sizes (see `benches/support/sizes.rs`): small, paper (ten shots at each stop), single (one shot at each stop, so that cellmap cannot fold any), cell, moving, hall.
 """
@@ -69,14 +70,14 @@ def main():
     arguments.add_argument("--rounds", type=int, default=3)
     arguments.add_argument("--long", type=float, default=20.0, help="runs that take more seconds than this are not repeated")
     arguments.add_argument("--through", default="", help="a command put before each run, such as `taskset -c 0,1`")
-    arguments.add_argument("--cellmap", help="the example `solver_peer`, built before")
+    arguments.add_argument("--cellmap", help="the example `solver_peer`, built before, with `solver_problem` beside it")
     arguments.add_argument("--lens", choices=["fixed", "free", "both"], default="both")
     arguments.add_argument("sizes", nargs="*", default=["small", "paper", "single", "cell", "moving"])
     wanted = arguments.parse_args()
     target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
     if not wanted.cellmap:
-        subprocess.run(["cargo", "build", "--release", "--quiet", "--example", "solver_peer"], cwd=ROOT, check=True)
-    ours = wanted.cellmap or target / "release/examples/solver_peer"
+        subprocess.run(["cargo", "build", "--release", "--quiet", "--example", "solver_peer", "--example", "solver_problem"], cwd=ROOT, check=True)
+    ours = Path(wanted.cellmap or target / "release/examples/solver_peer")
     with tempfile.TemporaryDirectory() as folder:
         folder = Path(folder)
         theirs = folder / "solve"
@@ -87,7 +88,7 @@ def main():
         cpu = next((l.split(":")[1].strip() for l in open("/proc/cpuinfo") if l.startswith("model name")), "?")
         print(f"{cpu}, {os.cpu_count()} cores, {platform.system()} {platform.release()}, {time.strftime('%Y-%m-%d')}, "
               f"load {os.getloadavg()[0]:.1f}\n")
-        print("| size | lenses | who | rounds | solve s | processor s | build s | iterations | times cellmap: wall | processor | peak MB | cost against cellmap's | poses apart m |")
+        print("| size | lenses | who | rounds | solve s | processor s | build s | iterations | times cellmap: wall | processor | peak MB, of it own | cost against cellmap's | poses apart m |")
         print("|---|---|---|---|---|---|---|---|---|---|---|---|---|")
         good = True
         for size in wanted.sizes:
@@ -98,8 +99,8 @@ def main():
 
 def compare(size, lens, wanted, folder, ours, theirs):
     problem = folder / "problem"
-    subprocess.run([ours, "write", size, lens, problem], check=True)
-    runs = {("cellmap", ""): [ours, "solve", size, lens, folder / "cellmap"]}
+    subprocess.run([ours.with_name("solver_problem"), size, lens, problem], check=True)
+    runs = {("cellmap", ""): [ours, folder / "problem.cellmap", folder / "cellmap"]}
     for way in ["careful", "plain"]:
         for solver in SOLVERS:
             if suits(size, way, solver):
@@ -132,10 +133,10 @@ def compare(size, lens, wanted, folder, ours, theirs):
             apart = farthest(folder / "cellmap", runs[key][-1])
             told = f"{apart:.1e} ({told})"
         good &= cost < 1e-8 and apart < CLOSE
-        what = ["seconds", "processor_seconds", "build_seconds", "peak_mb"]
-        seconds, processor, build, peak = (statistics.median(r.get(one, 0.0) for r in results) for one in what)
+        what = ["seconds", "processor_seconds", "build_seconds", "peak_mb", "own_mb"]
+        seconds, processor, build, peak, memory = (statistics.median(r.get(one, 0.0) for r in results) for one in what)
         print(f"| {size} | {lens} | {' '.join(key).strip()} | {len(results)} | {seconds:.4f} | {processor:.4f} | {build:.3f} | {results[-1]['iterations']} | "
-              f"{seconds / base:.1f} | {processor / processor_base:.1f} | {peak:.0f} | {cost:.1e} | {told} |", flush=True)
+              f"{seconds / base:.1f} | {processor / processor_base:.1f} | {peak:.1f}, {memory:.1f} | {cost:.1e} | {told} |", flush=True)
     return good
 
 

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use pulp::{Arch, Simd, WithSimd};
 
-use super::super::assemble::{Scratch, Shape};
+use super::super::assemble::Shape;
 use super::super::normal::Normal;
 use super::super::plan::{Block, Group, Plan};
 use super::super::state::State;
@@ -27,7 +27,6 @@ pub(in super::super) struct Bundle {
     taken: Vec<f64>,
     /// A compact matrix of one member, then what eliminating one unit needs.
     buffer: Vec<f64>,
-    scratch: Scratch,
     cost: f64,
     /// Whether every unit's damped local block was positive definite.
     positive: bool,
@@ -62,7 +61,6 @@ impl Bundle {
             shared,
             sums: vec![0.0; size],
             taken: vec![0.0; size],
-            scratch: Scratch::default(),
             cost: 0.0,
             positive: true,
             promise: Promise::default(),
@@ -74,16 +72,14 @@ impl Bundle {
         &mut self,
         (plan, shapes): (&Plan, &[Shape]),
         state: &State,
-        mut expand: impl FnMut(&Group, &Shape, &Block, &mut Scratch, &mut [f64]) -> f64,
+        mut expand: impl FnMut(&Group, &Shape, &Block, &mut [f64]) -> f64,
     ) {
-        let Self { units, shared, places, sums, buffer, scratch, .. } = self;
+        let Self { units, shared, places, sums, buffer, .. } = self;
         sums.fill(0.0);
         self.cost = 0.0;
         for unit in units {
             let into = (&places[unit.place], &mut sums[..], shared.len() + 1);
-            self.cost += unit.fill((plan, shapes), state, buffer, into, |group, shape, block, matrix| {
-                expand(group, shape, block, scratch, matrix)
-            });
+            self.cost += unit.fill((plan, shapes), state, buffer, into, &mut expand);
         }
     }
 
