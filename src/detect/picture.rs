@@ -231,6 +231,7 @@ fn jpeg_luma(
     let (width, height) =
         decoder.dimensions().ok_or_else(|| JpegFailure::Unreadable("the header names no size".to_owned()))?;
     judged(width as u32, height as u32).map_err(JpegFailure::Refused)?;
+    whole(bytes, width, height).map_err(JpegFailure::Unreadable)?;
     // Files that do not store luma as such: red, green and blue, or inks.
     if !matches!(decoder.input_colorspace(), Some(ColorSpace::Luma | ColorSpace::YCbCr)) {
         let decoded = image::load_from_memory_with_format(bytes, ImageFormat::Jpeg)
@@ -238,6 +239,23 @@ fn jpeg_luma(
         return Ok((width, height, grey(decoded)));
     }
     Ok((width, height, decoder.decode().map_err(words)?))
+}
+
+/// Whether a JPEG file has its end, and as many bits as its header promises blocks of 8 x 8 pixels. What a file lacks its decoder would fill with grey without a
+/// word, and look for it in every scan.
+fn whole(bytes: &[u8], width: usize, height: usize) -> Result<(), String> {
+    let last = |mark: [u8; 2]| bytes.windows(2).rposition(|two| *two == mark);
+    // Within coded pixels neither mark can occur (ITU-T T.81, B.1.1.2 and B.1.1.5).
+    let (begin, end) = (last([0xff, 0xda]), last([0xff, 0xd9]));
+    if end < begin {
+        return Err("the file is cut off: the mark of its end is missing".to_owned());
+    }
+    // The first coefficient of a block takes a bit at least. Components may be sampled more coarsely, though not all of them: a quarter of the blocks are there.
+    let blocks = width.div_ceil(8) * height.div_ceil(8);
+    if 8 * bytes.len() < blocks / 4 {
+        return Err(format!("{} bytes cannot hold the {width}x{height} pixels of its header", bytes.len()));
+    }
+    Ok(())
 }
 
 /// BT.601 luma of 8-bit colour in 14-bit fixed point, rounded: OpenCV's formula to the bit.
