@@ -4,6 +4,8 @@
 mod cells;
 #[path = "support/random_cells.rs"]
 mod random_cells;
+#[path = "../benches/support/sizes.rs"]
+mod sizes;
 
 use cellmap::layout::{Layout, SolverChoice};
 use cellmap::recording::{Recording, RobotMotion};
@@ -11,6 +13,7 @@ use cellmap::trust::Source;
 use cellmap::workflow::solve::Solved;
 use nalgebra::DMatrix;
 use random_cells::Kind;
+use sizes::Board;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The same cell by whole matrices and by sparse factors.
@@ -90,6 +93,24 @@ fn well_determined_cells_are_judged_alike() {
         let simulated = random_cells::cell(kind, 5, 20);
         let solved = both(&simulated.told, &simulated.recording);
         assert!(solved[0].undetermined.is_empty(), "{kind:?}");
+        alike(&solved, 1e-3);
+    }
+}
+
+#[test]
+fn cells_that_share_nothing_are_judged_like_one_matrix() {
+    let size = sizes::Size { spaces: 3, robots: 1, cameras: 2, stops: 24, shots: 1, board: Board::Small, plates: 2 };
+    let mut problem = sizes::problem(size, false);
+    for shared in [false, true] {
+        if shared {
+            // All that is seen at a configuration is off by the same.
+            problem.recording.corners.edit(|rows| {
+                rows.iter_mut().for_each(|row| row.pixel[0] += 0.4 * (7.0 * row.configuration as f64).sin());
+            });
+        }
+        let solved = both(&problem.layout, &problem.recording);
+        assert!(solved[0].undetermined.is_empty(), "{:?}", solved[0].undetermined);
+        assert_eq!(solved[1].covariance.clusters.configurations.shown(), shared);
         alike(&solved, 1e-3);
     }
 }

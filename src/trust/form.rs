@@ -25,6 +25,12 @@ impl Vectors {
         self.values.extend(values);
         self.ends.push(self.places.len());
     }
+
+    /// The entries of a vector.
+    fn range(&self, number: usize) -> std::ops::Range<usize> {
+        let start = number.checked_sub(1).map_or(0, |before| self.ends[before]);
+        start..self.ends[number]
+    }
 }
 
 /// Columns of a matrix, row by row.
@@ -50,13 +56,13 @@ impl Columns {
         Self { count, groups: (0..count).step_by(LANES).map(group).collect() }
     }
 
-    /// `X^T M X` for the symmetric `M` of these values on a pattern: `count x count`.
-    pub(super) fn around(&self, pattern: &Pattern, values: &[f64]) -> DMatrix<f64> {
+    /// `X^T M X` for the symmetric `M` of these values on a pattern: `count x count`. Of `M` only some columns, and the rows that mirror them.
+    pub(super) fn around(&self, pattern: &Pattern, values: &[f64], columns: &[usize]) -> DMatrix<f64> {
         let rows = pattern.rows();
         let mut half = DMatrix::zeros(self.count, self.count);
         for (right, x) in self.groups.iter().enumerate() {
             let mut sums = vec![[[0.0; LANES]; LANES]; self.groups.len()];
-            for column in 0..pattern.columns() {
+            for &column in columns {
                 let range = pattern.range(column);
                 // Half the diagonal, and what is below: with the transposed, added at the end, that is all.
                 let mut product = x[column].map(|x| 0.5 * values[range.start] * x);
@@ -75,8 +81,8 @@ impl Columns {
         &half + half.transpose()
     }
 
-    /// `X^T (sum v v^T) X`: `count x count`.
-    pub(super) fn scatter(&self, vectors: &Vectors) -> DMatrix<f64> {
+    /// `X^T (sum v v^T) X` over some of the vectors: `count x count`.
+    pub(super) fn scatter(&self, vectors: &Vectors, numbers: &[usize]) -> DMatrix<f64> {
         let mut total = DMatrix::zeros(self.count, self.count);
         let along = |group: &[[f64; LANES]], range: std::ops::Range<usize>| {
             let mut along = [0.0; LANES];
@@ -90,14 +96,12 @@ impl Columns {
         };
         for (right, x) in self.groups.iter().enumerate() {
             let mut sums = vec![[[0.0; LANES]; LANES]; self.groups.len()];
-            let mut start = 0;
-            for &end in &vectors.ends {
-                let own = along(x, start..end);
+            for range in numbers.iter().map(|number| vectors.range(*number)) {
+                let own = along(x, range.clone());
                 for (left, (sum, group)) in sums.iter_mut().zip(&self.groups).enumerate() {
-                    let other = if left == right { own } else { along(group, start..end) };
+                    let other = if left == right { own } else { along(group, range.clone()) };
                     outer(sum, &other, &own);
                 }
-                start = end;
             }
             self.put(&mut total, right, &sums);
         }
@@ -148,8 +152,12 @@ mod tests {
             let dense = DMatrix::from_fn(n, count, |i, j| x[(i, j)]);
             let columns = Columns::new(&x);
             let near = |a: DMatrix<f64>, b: &DMatrix<f64>| assert!((a - dense.transpose() * b * &dense).amax() < 1e-12);
-            near(columns.around(&pattern, &values), &whole);
-            near(columns.scatter(&vectors), &sum);
+            let parts = |apart: [&[usize]; 2], of: &dyn Fn(&[usize]) -> DMatrix<f64>| of(apart[0]) + of(apart[1]);
+            near(
+                parts([&[1, 2, 7], &[0, 3, 4, 5, 6, 8, 9, 10, 11]], &|some| columns.around(&pattern, &values, some)),
+                &whole,
+            );
+            near(parts([&[0, 3], &[1, 2, 4]], &|some| columns.scatter(&vectors, some)), &sum);
         }
     }
 }

@@ -1,6 +1,6 @@
 //! The covariance of a cell whose shared equations are sparse: never a whole matrix, but what is asked of it.
 //!
-//! Columns of the inverse come from a sparse factor, six at a time. A first pass over them keeps the entries that the gradients of the cluster-robust covariance
+//! Columns of the inverse come from a sparse factor, six at a time, and those of parts that share nothing together. A first pass over them keeps the entries that the gradients of the cluster-robust covariance
 //! need, a second one the blocks of single unknowns of all three matrices.
 
 use faer::Mat;
@@ -12,11 +12,12 @@ use std::sync::Arc;
 use super::covariance::UNDETERMINED;
 use super::form::{Columns, Vectors};
 use super::inverse::Inverse;
+use super::parts::{Part, parts};
 use super::sandwich::{Scatter, adjust};
 use super::undetermined::WEAK;
 use super::weakest::{Direction, weakest};
 use crate::solve::terms::{Term, Terms};
-use crate::solve::{Normal, Pattern, Plan, Symbolic};
+use crate::solve::{Normal, Pattern, Plan, Symbolic, Unknown};
 
 /// Gradients of one kind of cluster, or its information where they show nothing in common.
 struct Kind {
@@ -32,6 +33,7 @@ pub(super) struct Large {
     inverse: Option<Inverse>,
     believed: Vec<f64>,
     kinds: Vec<Kind>,
+    parts: Vec<Part>,
     /// First columns of the blocks of unknowns, and for each its own part of the three matrices.
     starts: Vec<usize>,
     own: Vec<[DMatrix<f64>; 3]>,
@@ -102,19 +104,23 @@ pub(super) fn judge(plan: &Plan, symbolic: &Arc<Symbolic>, terms: &Terms, believ
     }
     let weak = weak.into_iter().map(|(direction, value)| (direction, 1.0 / value.sqrt())).collect();
     let weight = 1.0 / noise.max(1e-9).powi(2);
+    let pairs = pairs(plan, terms);
+    let kinds_of_terms = [&terms.configurations[..], &terms.corners];
+    // Open directions may reach from one part into another.
+    let parts = parts([pattern, &pairs], &plan.unknowns.blocks, kinds_of_terms, open.is_empty());
     let mut large = Large {
         symbolic: Arc::clone(symbolic),
         inverse: Inverse::new(symbolic, fitted, &open),
         believed,
         kinds: Vec::new(),
+        parts,
         starts: plan.unknowns.blocks.iter().map(|block| block.start).collect(),
         own: Vec::new(),
         weak,
     };
-    let pairs = pairs(plan, terms);
     let entries = large.entries(plan, &pairs);
     let entry = |i: usize, j: usize| pairs.place(i, j).map_or(0.0, |place| entries[place]);
-    let kinds = [&terms.configurations, &terms.corners].into_iter().zip(measured).map(|(terms, information)| {
+    let kinds = kinds_of_terms.into_iter().zip(measured).map(|(terms, information)| {
         let (scatter, gradients) = adjust(terms, &units, noise, &entry);
         let mut vectors = Vectors::default();
         terms.iter().zip(&gradients).for_each(|(term, gradient)| vectors.push(&term.columns, gradient.iter()));
@@ -185,52 +191,81 @@ impl Large {
         self.inverse.as_ref().map_or_else(nothing, |inverse| inverse.apply(right, room))
     }
 
-    /// Does something with the covariance's columns of each block of unknowns, in parallel.
-    fn each<R: Send>(&self, plan: &Plan, of: impl Fn(usize, usize, &Mat<f64>) -> R + Sync) -> Vec<R> {
-        let n = plan.unknowns.count;
-        let widest = plan.unknowns.blocks.iter().map(|block| block.count()).max().unwrap_or(0);
+    /// Does something with the covariance's columns of each block of unknowns, in parallel. One solve serves a block of every part: what it finds is zero in all
+    /// parts but the block's own. `prepare` is given what a solve found, `of` that and what came of it for each of its blocks.
+    fn each<P, R: Send>(
+        &self,
+        plan: &Plan,
+        prepare: impl Fn(&Mat<f64>) -> P + Sync,
+        of: impl Fn(&Part, &Unknown, &Mat<f64>, &P) -> R + Sync,
+    ) -> Vec<R> {
+        let (n, blocks) = (plan.unknowns.count, &plan.unknowns.blocks);
+        let widest = blocks.iter().map(Unknown::count).max().unwrap_or(0);
         let room = || {
             let none = || faer::dyn_stack::MemBuffer::new(faer::dyn_stack::StackReq::empty());
             self.inverse.as_ref().map_or_else(none, |inverse| inverse.room(widest))
         };
-        let one = |room: &mut faer::dyn_stack::MemBuffer, block: &crate::solve::Unknown| {
-            let unit = Mat::from_fn(n, block.count(), |i, j| f64::from(u8::from(i == block.start + j)));
-            of(block.start, block.count(), &self.columns(&unit, room))
+        let turn = |room: &mut faer::dyn_stack::MemBuffer, turn: usize| -> Vec<(usize, R)> {
+            let its: Vec<(&Part, usize)> =
+                self.parts.iter().filter_map(|part| Some((part, *part.blocks.get(turn)?))).collect();
+            let wide = its.iter().map(|(_, block)| blocks[*block].count()).max().unwrap_or(0);
+            let mut unit = Mat::zeros(n, wide);
+            for block in its.iter().map(|(_, block)| &blocks[*block]) {
+                (0..block.count()).for_each(|j| unit[(block.start + j, j)] = 1.0);
+            }
+            let columns = self.columns(&unit, room);
+            let prepared = prepare(&columns);
+            its.into_iter().map(|(part, block)| (block, of(part, &blocks[block], &columns, &prepared))).collect()
         };
-        plan.unknowns.blocks.par_iter().map_init(room, one).collect()
+        let turns = self.parts.iter().map(|part| part.blocks.len()).max().unwrap_or(0);
+        let found: Vec<Vec<(usize, R)>> = (0..turns).into_par_iter().map_init(room, turn).collect();
+        let mut found: Vec<(usize, R)> = found.into_iter().flatten().collect();
+        found.sort_by_key(|(block, _)| *block);
+        found.into_iter().map(|(_, one)| one).collect()
     }
 
     /// The covariance's entries at the places of a pattern.
     fn entries(&self, plan: &Plan, pairs: &Pattern) -> Vec<f64> {
-        let parts = self.each(plan, |start, count, columns| {
-            let of = |j: usize| pairs.range(start + j).map(move |place| columns[(pairs.rows()[place], j)]);
-            (0..count).flat_map(of).collect::<Vec<f64>>()
-        });
+        let parts = self.each(
+            plan,
+            |_| (),
+            |_, block, columns, ()| {
+                let of = |j: usize| pairs.range(block.start + j).map(move |place| columns[(pairs.rows()[place], j)]);
+                (0..block.count()).flat_map(of).collect::<Vec<f64>>()
+            },
+        );
         parts.concat()
     }
 
     fn blocks(&self, plan: &Plan) -> Vec<[DMatrix<f64>; 3]> {
-        self.each(plan, |start, count, columns| {
-            let own = DMatrix::from_fn(count, count, |i, j| columns[(start + i, j)]);
-            let [clusters, shown] = self.around(columns, &own);
+        self.each(plan, Columns::new, |part, block, columns, rows| {
+            let count = block.count();
+            let own = DMatrix::from_fn(count, count, |i, j| columns[(block.start + i, j)]);
+            let [clusters, shown] = self.around(rows, &own, std::slice::from_ref(part));
             [own, clusters, shown]
         })
     }
 
-    /// `X^T M X` for the scatter of all clusters, and for that of kinds that show an error in common; `X` are columns of the covariance, `own` the rows of them
-    /// that they belong to.
-    fn around(&self, columns: &Mat<f64>, own: &DMatrix<f64>) -> [DMatrix<f64>; 2] {
-        let rows = Columns::new(columns);
-        let pattern = &self.symbolic.pattern;
-        let believed = rows.around(pattern, &self.believed);
-        let scatters: Vec<DMatrix<f64>> = self.kinds.iter().map(|kind| rows.scatter(&kind.gradients)).collect();
+    /// `X^T M X` for the scatter of all clusters, and for that of kinds that show an error in common, in some parts; `X` are columns of the covariance, `own` the
+    /// rows of them that they belong to: as many as the first columns that are asked for.
+    fn around(&self, columns: &Columns, own: &DMatrix<f64>, parts: &[Part]) -> [DMatrix<f64>; 2] {
+        let (pattern, count) = (&self.symbolic.pattern, own.nrows());
+        let sum = |of: &dyn Fn(&Part) -> DMatrix<f64>| {
+            let nothing = DMatrix::zeros(count, count);
+            parts.iter().fold(nothing, |sum, part| sum + of(part).view((0, 0), (count, count)))
+        };
+        let believed = sum(&|part| columns.around(pattern, &self.believed, &part.columns));
+        let scatter =
+            |(place, kind): (usize, &Kind)| sum(&|part| columns.scatter(&kind.gradients, &part.clusters[place]));
+        let scatters: Vec<DMatrix<f64>> = self.kinds.iter().enumerate().map(scatter).collect();
         let clusters = scatters.iter().fold(believed.clone(), |sum, scatter| sum + scatter);
         if !self.kinds.iter().any(|kind| kind.scatter.shown()) {
             // What all are believed to say together is what the covariance is the inverse of.
             return [clusters, own.clone()];
         }
-        let shown = self.kinds.iter().zip(scatters).fold(believed, |sum, (kind, scatter)| {
-            sum + if kind.scatter.shown() { scatter } else { rows.around(pattern, &kind.information) }
+        let shown = self.kinds.iter().zip(scatters).fold(believed, |all, (kind, scatter)| {
+            let information = || sum(&|part| columns.around(pattern, &kind.information, &part.columns));
+            all + if kind.scatter.shown() { scatter } else { information() }
         });
         [clusters, shown]
     }
@@ -242,7 +277,7 @@ impl Large {
         let Some(inverse) = &self.inverse else { return std::array::from_fn(|_| DMatrix::zeros(rows, rows)) };
         let columns = inverse.apply(&right, &mut inverse.room(rows));
         let own = DMatrix::from_fn(rows, rows, |i, j| (0..n).map(|k| jacobian[(i, k)] * columns[(k, j)]).sum());
-        let [clusters, shown] = self.around(&columns, &own);
+        let [clusters, shown] = self.around(&Columns::new(&columns), &own, &self.parts);
         [own, clusters, shown]
     }
 

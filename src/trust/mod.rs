@@ -13,6 +13,7 @@ mod inverse;
 mod large;
 mod lines;
 pub mod outliers;
+mod parts;
 pub mod pieces;
 pub mod residuals;
 mod responses;
