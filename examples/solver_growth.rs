@@ -6,6 +6,8 @@
 
 #[path = "../benches/support/problem_file.rs"]
 mod problem_file;
+#[path = "../benches/support/processor.rs"]
+mod processor;
 #[path = "../benches/support/sizes.rs"]
 mod sizes;
 
@@ -18,11 +20,13 @@ use std::time::Instant;
 
 use cellmap::frames::FrameTree;
 use cellmap::solve::{Assembler, Options, Plan, Priors, minimise};
+use processor::processor_seconds;
 
 /// What a process says of its solve.
 #[derive(Clone, Copy)]
 struct Solved {
     seconds: f64,
+    processor: f64,
     /// Of the processor's time, what the system took: to give memory, above all.
     system: f64,
     linearisations: f64,
@@ -45,15 +49,15 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         return solve(Path::new(problem));
     }
     println!(
-        "| pictures | corners | layout and search, s: median, least | of it the system's, processor s | linearisations | peak memory, MB | bytes a corner |"
+        "| pictures | corners | layout and search, s: median, least | processor s, of it the system's | linearisations | peak memory, MB | bytes a corner |"
     );
     println!("|---|---|---|---|---|---|---|");
     let mut all = Vec::new();
     for count in pictures {
         let measured = measure(count.parse()?)?;
-        let Solved { seconds, system, linearisations, corners, megabytes } = measured.median;
+        let Solved { seconds, processor, system, linearisations, corners, megabytes } = measured.median;
         println!(
-            "| {count} | {corners} | {seconds:.4}, {:.4} | {system:.3} | {linearisations} | {megabytes:.0} | {:.0} |",
+            "| {count} | {corners} | {seconds:.4}, {:.4} | {processor:.4}, {system:.2} | {linearisations} | {megabytes:.0} | {:.0} |",
             measured.least,
             megabytes * 1e6 / corners
         );
@@ -68,12 +72,13 @@ fn solve(file: &Path) -> Result<(), Box<dyn std::error::Error>> {
     let given = problem_file::read(file)?;
     let tree = FrameTree::new(&given.layout);
     let plan = Plan::new(&given.layout, &tree, &given.recording)?;
-    let (clock, system) = (Instant::now(), system_seconds()?);
+    let (clock, processor, system) = (Instant::now(), processor_seconds(), system_seconds()?);
     let mut state = given.start.clone();
     let mut assembler = Assembler::new(&given.layout, &given.recording, &plan, Priors::default());
     let report = minimise(&mut assembler, &tree, &mut state, &Options::default());
     drop(assembler);
-    let (seconds, system) = (clock.elapsed().as_secs_f64(), system_seconds()? - system);
+    let seconds = clock.elapsed().as_secs_f64();
+    let (processor, system) = (processor_seconds() - processor, system_seconds()? - system);
     if !report.termination.converged() {
         return Err(report.termination.words().into());
     }
@@ -81,7 +86,7 @@ fn solve(file: &Path) -> Result<(), Box<dyn std::error::Error>> {
     let peak =
         status.lines().find_map(|line| line.strip_prefix("VmHWM:")?.trim().strip_suffix(" kB")?.parse::<f64>().ok());
     let megabytes = peak.ok_or("the system does not say how much memory is used")? * 1024.0 / 1e6;
-    println!("{seconds} {system} {} {} {megabytes}", report.iterations, plan.measurements.corner_count());
+    println!("{seconds} {processor} {system} {} {} {megabytes}", report.iterations, plan.measurements.corner_count());
     Ok(())
 }
 
@@ -118,10 +123,10 @@ fn measure(pictures: u64) -> Result<Measured, Box<dyn std::error::Error>> {
         let done = Command::new(std::env::current_exe()?).arg("solve").arg(&file).output()?;
         let said = String::from_utf8(done.stdout)?;
         let values = said.split_whitespace().map(str::parse).collect::<Result<Vec<f64>, _>>()?;
-        let [seconds, system, linearisations, corners, megabytes] = values[..] else {
+        let [seconds, processor, system, linearisations, corners, megabytes] = values[..] else {
             return Err(String::from_utf8_lossy(&done.stderr).into());
         };
-        all.push(Solved { seconds, system, linearisations, corners, megabytes });
+        all.push(Solved { seconds, processor, system, linearisations, corners, megabytes });
     }
     let middle = |what: fn(&Solved) -> f64| {
         let mut values: Vec<f64> = all.iter().map(what).collect();
@@ -130,6 +135,7 @@ fn measure(pictures: u64) -> Result<Measured, Box<dyn std::error::Error>> {
     };
     let median = Solved {
         seconds: middle(|one| one.seconds),
+        processor: middle(|one| one.processor),
         system: middle(|one| one.system),
         linearisations: middle(|one| one.linearisations),
         corners: middle(|one| one.corners),

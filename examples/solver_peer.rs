@@ -5,6 +5,8 @@
 
 #[path = "../benches/support/problem_file.rs"]
 mod problem_file;
+#[path = "../benches/support/processor.rs"]
+mod processor;
 
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -13,6 +15,7 @@ use std::time::Instant;
 
 use cellmap::frames::FrameTree;
 use cellmap::solve::{Assembler, Options, Plan, Priors, State, minimise};
+use processor::processor_seconds;
 
 /// Seconds over which the processor's time is counted, at least.
 const COUNTED: f64 = 0.2;
@@ -56,16 +59,6 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     );
     poses(BufWriter::new(File::create(found)?), &state)?;
     Ok(())
-}
-
-/// Time that all threads have spent on a processor; nothing where the system does not say.
-fn processor_seconds() -> f64 {
-    let threads = std::fs::read_dir("/proc/self/task").into_iter().flatten().flatten();
-    let spent = threads.filter_map(|thread| {
-        let text = std::fs::read_to_string(thread.path().join("schedstat")).ok()?;
-        text.split_whitespace().next()?.parse::<f64>().ok()
-    });
-    spent.sum::<f64>() * 1e-9
 }
 
 /// All poses, static edges first, then moving ones configuration by configuration.
