@@ -244,10 +244,9 @@ fn jpeg_luma(
 /// Whether a JPEG file has its end, and as many bits as its header promises blocks of 8 x 8 pixels. What a file lacks its decoder would fill with grey without a
 /// word, and look for it in every scan.
 fn whole(bytes: &[u8], width: usize, height: usize) -> Result<(), String> {
-    let last = |mark: [u8; 2]| bytes.windows(2).rposition(|two| *two == mark);
-    // Within coded pixels neither mark can occur (ITU-T T.81, B.1.1.2 and B.1.1.5).
-    let (begin, end) = (last([0xff, 0xda]), last([0xff, 0xd9]));
-    if end < begin {
+    // Within coded pixels the mark cannot occur (ITU-T T.81, B.1.1.5); before them a small picture's may, after them anything. Looked for from behind: there it mostly is.
+    let begin = first_scan(bytes).unwrap_or(0);
+    if !bytes[begin..].windows(2).rev().any(|two| *two == [0xff, 0xd9]) {
         return Err("the file is cut off: the mark of its end is missing".to_owned());
     }
     // The first coefficient of a block takes a bit at least. Components may be sampled more coarsely, though not all of them: a quarter of the blocks are there.
@@ -256,6 +255,19 @@ fn whole(bytes: &[u8], width: usize, height: usize) -> Result<(), String> {
         return Err(format!("{} bytes cannot hold the {width}x{height} pixels of its header", bytes.len()));
     }
     Ok(())
+}
+
+/// Where a JPEG file's coded pixels begin, by its segments (ITU-T T.81, B.1.1.4).
+fn first_scan(bytes: &[u8]) -> Option<usize> {
+    let mut at = 2;
+    loop {
+        match *bytes.get(at..)? {
+            [0xff, 0xff, ..] => at += 1,
+            [0xff, 0xda, ..] => return Some(at),
+            [0xff, _, high, low, ..] => at += 2 + usize::from(u16::from_be_bytes([high, low])),
+            _ => return None,
+        }
+    }
 }
 
 /// BT.601 luma of 8-bit colour in 14-bit fixed point, rounded: OpenCV's formula to the bit.
