@@ -13,6 +13,7 @@ use super::chunk::{PIXEL, PackedBlock, WEIGHT};
 use super::kernels::{Condensed, WIDEST};
 use super::lanes::{Lanes, Splat, Truths};
 use super::lens_lanes::{Differentiated, LensLanes, Projected};
+use super::lines::{align_frame, in_lines, room_in_lines};
 use super::loss::Loss;
 use super::robust_lanes::Robust;
 use crate::geometry::Pose;
@@ -63,7 +64,7 @@ impl View<'_> {
     }
 }
 
-/// The task of condensing over the twist alone. All sums stay in registers.
+/// The task of condensing over the twist alone: the sums are as few as the processor has registers.
 struct Condense<'a, 'b, L> {
     view: View<'a>,
     out: &'b mut Condensed,
@@ -75,6 +76,7 @@ impl<L: LensLanes> WithSimd for Condense<'_, '_, L> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
+        align_frame();
         let (view, corners) = (&self.view, &self.view.corners);
         let zero = Lanes::splat(simd, 0.0);
         let rigid = Rigid::new(simd, view.camera_from_target);
@@ -122,23 +124,20 @@ const TALL: usize = 2;
 const WIDE: usize = 4;
 /// Points whose rows are set aside at most: they stay near the processor.
 const ASIDE: usize = 32;
-/// Numbers in a line of the processor's cache.
-const LINE: usize = 8;
 /// Numbers of the rows set aside at most: of the largest lens.
-pub(super) const MOST_ROOM: usize = ASIDE * (4 * WIDEST.div_ceil(WIDE) * WIDE + 1) + LINE;
+pub(super) const MOST_ROOM: usize = room_in_lines(ASIDE * (4 * WIDEST.div_ceil(WIDE) * WIDE + 1));
 
 impl<L: LensLanes, const W: usize, const P: usize, const R: usize> WithSimd for CondenseFree<'_, '_, L, W, P, R> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
+        align_frame();
         let (view, corners) = (&self.view, &self.view.corners);
         let rigid = Rigid::new(simd, view.camera_from_target);
         let mut robust = Robust::new(simd, view.loss);
         let Condensed { matrix, rows, size, cost } = self.out;
-        rows.resize(ASIDE * R + LINE, 0.0);
-        let start = rows.as_ptr().align_offset(LINE * size_of::<f64>()).min(LINE);
-        let rows = &mut rows[start..start + ASIDE * R];
+        let rows = in_lines(rows, ASIDE * R);
         // For each register of points: the rows of `J`, and those of `[A J, g]`. What stands past `W` is never looked at.
         let (aside, _) = S::as_mut_simd_f64s(rows).0.as_chunks_mut::<R>();
         for row in &mut matrix[..W - 1] {
@@ -213,6 +212,7 @@ impl<L: LensLanes> WithSimd for Cost<'_, L> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> f64 {
+        align_frame();
         let (view, corners) = (&self.view, &self.view.corners);
         let rigid = Rigid::new(simd, view.camera_from_target);
         let mut robust = Robust::new(simd, view.loss);

@@ -4,6 +4,7 @@ use pulp::{Simd, WithSimd};
 
 use super::kernels::Condensed;
 use super::lanes::Lanes;
+use super::lines::{in_lines, room_in_lines};
 
 /// Numbers in the largest register of any machine.
 const WIDEST_REGISTER: usize = 8;
@@ -22,7 +23,7 @@ pub(super) struct Expand<'a> {
 impl Expand<'_> {
     /// Numbers in `room` at most for a compact matrix of so many columns, on any machine.
     pub(super) fn room(width: usize) -> usize {
-        12 * width.next_multiple_of(WIDEST_REGISTER)
+        room_in_lines(12 * width.next_multiple_of(WIDEST_REGISTER))
     }
 }
 
@@ -37,8 +38,7 @@ impl WithSimd for Expand<'_> {
         let width = k + lens.len() + 1;
         let stride = width.next_multiple_of(lanes);
         room.clear();
-        room.resize(12 * stride, 0.0);
-        let (across, product) = room.split_at_mut(6 * stride);
+        let (across, product) = in_lines(room, 12 * stride).split_at_mut(6 * stride);
         for (c, b) in jacobian.iter().enumerate() {
             b.iter().enumerate().for_each(|(i, value)| across[i * stride + c] = *value);
         }

@@ -21,6 +21,7 @@ mod gather;
 pub mod kernels;
 mod lanes;
 mod lens_lanes;
+mod lines;
 mod local;
 mod loss;
 mod mean;
