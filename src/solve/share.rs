@@ -8,7 +8,12 @@ use super::assemble::Scratch;
 
 /// Does something with each of many things.
 pub(super) fn each<T: Send>(alone: bool, things: &mut [T], act: impl Fn(&mut T) + Send + Sync) {
-    if alone { things.iter_mut().for_each(act) } else { things.par_iter_mut().for_each(act) }
+    if alone {
+        things.iter_mut().for_each(act);
+    } else {
+        // Each can be taken by whoever has nothing to do: a unit takes far longer than to hand it over.
+        things.par_iter_mut().with_max_len(1).for_each(act);
+    }
 }
 
 /// Finds a number for each of many things.
