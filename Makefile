@@ -7,11 +7,15 @@ PACKAGES := libopencv-dev libopencv-contrib-dev clang libclang-dev pkg-config
 APT := -o DPkg::Lock::Timeout=600 -o Acquire::Retries=3
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 
-.PHONY: demo test test-opencv setup-opencv format lint lint-opencv docs book-pages bench bench-build clean
+.PHONY: demo dist test test-opencv setup-opencv format lint lint-opencv docs book-pages bench bench-build clean
 
 ## Make a small recording, detect, solve, and compare with the truth.
 demo:
 	cargo run --release --quiet -- demo
+
+## The program as one file, target/dist/cellmap, which needs no library of the machine that it runs on, the C library neither.
+dist:
+	cargo rustc --profile dist --bin cellmap -- -C target-feature=+crt-static
 
 ## All tests. Those on real recordings say "skipped: no recordings" where these are absent.
 test:

@@ -3,7 +3,7 @@
 
     benches/peers/ceres/run.py [--rounds N] [--long SECONDS] [--lens fixed|free] [--through COMMAND] [SIZE ...]
 
-Builds both (cargo; g++ with Debian's libceres-dev), writes each problem once, runs everybody in turn from the same start, and checks that all reach the same
+Builds both (cargo, as `make dist` does; g++ with Debian's libceres-dev), writes each problem once, runs everybody in turn from the same start, and checks that all reach the same
 cost (1e-8 relative) and the same poses (1e-9 m). Where Ceres stopped too early for that, it runs once more to the last digit of the cost, and both distances are
 told. Ceres has two threads and the best of its linear solvers: the first round tries all that suit the size, later
 ones repeat the quickest. Each figure is the median of its rounds; what takes longer than --long is not repeated. On a machine with other work the
@@ -76,8 +76,10 @@ def main():
     wanted = arguments.parse_args()
     target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
     if not wanted.cellmap:
-        subprocess.run(["cargo", "build", "--release", "--quiet", "--example", "solver_peer", "--example", "solver_problem"], cwd=ROOT, check=True)
-    ours = Path(wanted.cellmap or target / "release/examples/solver_peer")
+        # As `make dist` builds what is given to others.
+        for example in ["solver_problem", "solver_peer"]:
+            subprocess.run(["cargo", "rustc", "--profile", "dist", "--quiet", "--example", example, "--", "-C", "target-feature=+crt-static"], cwd=ROOT, check=True)
+    ours = Path(wanted.cellmap or target / "dist/examples/solver_peer")
     with tempfile.TemporaryDirectory() as folder:
         folder = Path(folder)
         theirs = folder / "solve"
