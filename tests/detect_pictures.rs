@@ -72,6 +72,18 @@ fn a_jpeg_of_more_pixels_than_its_bits_is_unreadable() {
 }
 
 #[test]
+fn a_jpeg_of_more_scans_than_its_bits_is_unreadable() {
+    // Progressive, one component, 2000 x 2000; then nothing but heads of scans: 5600 bytes would keep a decoder busy for seconds.
+    let frame = [0xff, 0xd8, 0xff, 0xc2, 0, 11, 8, 0x07, 0xd0, 0x07, 0xd0, 1, 1, 0x11, 0];
+    let scan = [0xff, 0xda, 0, 8, 1, 1, 0, 1, 63, 0];
+    let bytes = [&frame[..], &scan.repeat(560), &[0xff, 0xd9]].concat();
+    let path = place("scans.jpg");
+    fs::write(&path, &bytes).unwrap();
+    let words = GreyPicture::read(&path, None).unwrap_err().to_string();
+    assert!(words.ends_with("5617 bytes cannot hold 560 scans of 2000x2000 pixels"), "{words}");
+}
+
+#[test]
 fn a_wrong_size_names_both_sizes() {
     let path = place("size.png");
     ImageBuffer::from_pixel(40, 30, Luma([7u8])).save(&path).unwrap();

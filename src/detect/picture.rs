@@ -241,30 +241,41 @@ fn jpeg_luma(
     Ok((width, height, decoder.decode().map_err(words)?))
 }
 
-/// Whether a JPEG file has its end, and as many bits as its header promises blocks of 8 x 8 pixels. What a file lacks its decoder would fill with grey without a
-/// word, and look for it in every scan.
+/// Times that a JPEG decoder goes over a block at most, for each bit that the file has: one that codes every block in a bit may do so in ten scans.
+const MOST_VISITS: usize = 16;
+
+/// Whether a JPEG file has its end, and as many bits as its header promises blocks of 8 x 8 pixels, and scans over them. What a file lacks its decoder would fill
+/// with grey without a word, and look for it in every scan.
 fn whole(bytes: &[u8], width: usize, height: usize) -> Result<(), String> {
+    let (begin, progressive) = first_scan(bytes).unwrap_or((0, true));
     // Within coded pixels the mark cannot occur (ITU-T T.81, B.1.1.5); before them a small picture's may, after them anything. Looked for from behind: there it mostly is.
-    let begin = first_scan(bytes).unwrap_or(0);
-    if !bytes[begin..].windows(2).rev().any(|two| *two == [0xff, 0xd9]) {
+    let coded = &bytes[begin..];
+    if !coded.windows(2).rev().any(|two| *two == [0xff, 0xd9]) {
         return Err("the file is cut off: the mark of its end is missing".to_owned());
     }
     // The first coefficient of a block takes a bit at least. Components may be sampled more coarsely, though not all of them: a quarter of the blocks are there.
-    let blocks = width.div_ceil(8) * height.div_ceil(8);
-    if 8 * bytes.len() < blocks / 4 {
+    let (bits, blocks) = (8 * bytes.len(), width.div_ceil(8) * height.div_ceil(8));
+    if bits < blocks / 4 {
         return Err(format!("{} bytes cannot hold the {width}x{height} pixels of its header", bytes.len()));
+    }
+    let scans = if progressive { coded.windows(2).filter(|two| **two == [0xff, 0xda]).count() } else { 1 };
+    if bits * MOST_VISITS < scans * blocks {
+        return Err(format!("{} bytes cannot hold {scans} scans of {width}x{height} pixels", bytes.len()));
     }
     Ok(())
 }
 
-/// Where a JPEG file's coded pixels begin, by its segments (ITU-T T.81, B.1.1.4).
-fn first_scan(bytes: &[u8]) -> Option<usize> {
-    let mut at = 2;
+/// Where a JPEG file's coded pixels begin, by its segments (ITU-T T.81, B.1.1.4), and whether they are refined from scan to scan.
+fn first_scan(bytes: &[u8]) -> Option<(usize, bool)> {
+    let (mut at, mut progressive) = (2, false);
     loop {
         match *bytes.get(at..)? {
             [0xff, 0xff, ..] => at += 1,
-            [0xff, 0xda, ..] => return Some(at),
-            [0xff, _, high, low, ..] => at += 2 + usize::from(u16::from_be_bytes([high, low])),
+            [0xff, 0xda, ..] => return Some((at, progressive)),
+            [0xff, mark, high, low, ..] => {
+                progressive |= mark == 0xc2;
+                at += 2 + usize::from(u16::from_be_bytes([high, low]));
+            }
             _ => return None,
         }
     }
