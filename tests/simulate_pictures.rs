@@ -3,7 +3,7 @@
 #[path = "support/program.rs"]
 mod program;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use program::{folder, json, run, stderr};
 
@@ -52,4 +52,24 @@ fn two_robots_through_pictures() {
     );
     let rms = (both.iter().map(|apart| apart * apart).sum::<f64>() / both.len() as f64).sqrt();
     assert!(rms < 0.02, "{rms} px");
+}
+
+/// A tag so slanted that it may be seen or not is looked for as if nothing had been told.
+#[test]
+fn slanted_tags_are_not_lost_by_telling_where_tags_are() {
+    let dir = tempfile::tempdir().unwrap();
+    let layout = concat!(env!("CARGO_MANIFEST_DIR"), "/layouts/paper_simulation_b.yaml");
+    let simulate = ["simulate", layout, "--out", "b", "--pictures", "--configurations", "60"];
+    let told = ["detect", "b/layout.yaml", "--predict", "b/truth.yaml", "--out", "told.csv"];
+    for arguments in [&simulate[..], &["detect", "b/layout.yaml"], &told] {
+        let done = run(dir.path(), arguments);
+        assert_eq!(done.status.code(), Some(0), "{}", stderr(&done));
+    }
+    let tags = |name: &str| -> BTreeSet<String> {
+        let text = std::fs::read_to_string(dir.path().join(name)).unwrap();
+        text.lines().skip(1).map(|line| line.split(',').take(5).collect::<Vec<_>>().join(",")).collect()
+    };
+    let (with, without) = (tags("told.csv"), tags("b/detections.csv"));
+    let lost: Vec<&String> = without.difference(&with).collect();
+    assert!(without.len() > 400 && lost.is_empty(), "{} of {}: {lost:?}", lost.len(), without.len());
 }

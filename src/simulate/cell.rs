@@ -20,6 +20,8 @@ pub struct Cell<'a> {
     pub recording: &'a Recording,
     /// What differs from what anybody wrote down.
     pub disturbances: Disturbances,
+    /// Angle (rad) between a face's normal and the line of sight beyond which a tag is not seen.
+    pub slanted: f64,
 }
 
 /// How a real cell differs from its description and its log.
@@ -33,7 +35,7 @@ pub struct Disturbances {
     pub bumped: Option<(usize, u64, Pose)>,
 }
 
-/// Beyond this angle (rad) between a face's normal and the line of sight, a tag is too slanted to be seen: 75 degrees.
+/// Beyond this angle (rad) between a face's normal and the line of sight, a tag is too slanted to be seen, unless said otherwise: 75 degrees.
 const SLANTED: f64 = 1.31;
 
 impl<'a> Cell<'a> {
@@ -46,7 +48,7 @@ impl<'a> Cell<'a> {
     /// As [`Cell::new`], with frames that were made before.
     #[must_use]
     pub fn with_tree(layout: &'a Layout, recording: &'a Recording, tree: Arc<FrameTree>) -> Self {
-        Self { layout, tree, recording, disturbances: Disturbances::default() }
+        Self { layout, tree, recording, disturbances: Disturbances::default(), slanted: SLANTED }
     }
 
     /// `from_from_to` at a configuration; `None` if a pose on the way is not known or a robot was not recorded.
@@ -91,7 +93,7 @@ impl<'a> Cell<'a> {
         margin: f64,
     ) -> Option<Vector2<f64>> {
         if let Some(normal) = normal
-            && normal.angle(&-point) > SLANTED
+            && normal.angle(&-point) > self.slanted
         {
             return None;
         }
