@@ -22,6 +22,8 @@ pub struct Cell<'a> {
     pub disturbances: Disturbances,
     /// Angle (rad) between a face's normal and the line of sight beyond which a tag is not seen.
     pub slanted: f64,
+    /// Pixels at the edge of a picture in which nothing is seen.
+    pub margin: f64,
 }
 
 /// How a real cell differs from its description and its log.
@@ -37,6 +39,8 @@ pub struct Disturbances {
 
 /// Beyond this angle (rad) between a face's normal and the line of sight, a tag is too slanted to be seen, unless said otherwise: 75 degrees.
 const SLANTED: f64 = 1.31;
+/// A corner keeps this far (px) from the picture's edge.
+const MARGIN: f64 = 4.0;
 
 impl<'a> Cell<'a> {
     /// A cell from its layout and the motion in a recording, undisturbed.
@@ -48,7 +52,7 @@ impl<'a> Cell<'a> {
     /// As [`Cell::new`], with frames that were made before.
     #[must_use]
     pub fn with_tree(layout: &'a Layout, recording: &'a Recording, tree: Arc<FrameTree>) -> Self {
-        Self { layout, tree, recording, disturbances: Disturbances::default(), slanted: SLANTED }
+        Self { layout, tree, recording, disturbances: Disturbances::default(), slanted: SLANTED, margin: MARGIN }
     }
 
     /// `from_from_to` at a configuration; `None` if a pose on the way is not known or a robot was not recorded.
@@ -83,14 +87,13 @@ impl<'a> Cell<'a> {
     }
 
     /// The pixel of a point that lies on a face looking along `normal` (both in the camera's frame), if the camera sees it: in front, not too slanted, in the
-    /// picture with `margin` pixels to spare.
+    /// picture and not in its margin.
     #[must_use]
     pub fn sees(
         &self,
         intrinsics: &Intrinsics,
         point: &Vector3<f64>,
         normal: Option<&Vector3<f64>>,
-        margin: f64,
     ) -> Option<Vector2<f64>> {
         if let Some(normal) = normal
             && normal.angle(&-point) > self.slanted
@@ -99,6 +102,7 @@ impl<'a> Cell<'a> {
         }
         let pixel = intrinsics.project(point)?;
         let [width, height] = intrinsics.size().map(f64::from);
+        let margin = self.margin;
         let inside = pixel.x >= margin && pixel.y >= margin && pixel.x < width - margin && pixel.y < height - margin;
         inside.then_some(pixel)
     }

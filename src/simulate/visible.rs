@@ -7,11 +7,8 @@ use super::cell::Cell;
 use crate::geometry::target::tag_corners;
 use crate::geometry::{Feature, Intrinsics, Pose, TargetGeometry};
 
-/// A corner keeps this far (px) from the picture's edge.
-const MARGIN: f64 = 4.0;
-
 /// The features of target `target` that a camera sees when it stands at `camera_from_target`, and where. `hidden_by` are bodies in the **camera's** frame.
-/// Otherwise faces hide nothing but what they carry themselves: a tag seen from behind or at more than 75 degrees is not reported.
+/// Otherwise faces hide nothing but what they carry themselves: a tag seen from behind or too slanted ([`Cell::slanted`]) is not reported.
 #[must_use]
 pub fn visible(
     cell: &Cell<'_>,
@@ -21,7 +18,7 @@ pub fn visible(
     hidden_by: &[PlacedCapsule],
 ) -> Vec<(Feature, Vector2<f64>)> {
     let sees = |point: &Vector3<f64>, normal: Option<&Vector3<f64>>| {
-        let pixel = cell.sees(intrinsics, point, normal, MARGIN)?;
+        let pixel = cell.sees(intrinsics, point, normal)?;
         let sight = PlacedCapsule { ends: [Vector3::zeros(), *point], radius: 0.0 };
         hidden_by.iter().all(|body| body.clearance(&sight) > 0.0).then_some(pixel)
     };

@@ -32,7 +32,7 @@ impl Prediction {
     }
 
     /// The tags that a camera must see at a configuration: all of a tag's corners in the picture, none too slanted. They are all that there is to be seen if
-    /// everything that is looked for is a tag whose place the solution knows, and none is so slanted that it may be seen or not.
+    /// everything that is looked for is a tag whose place the solution knows, and none is so slanted, or so near the picture's edge, that it may be seen or not.
     #[must_use]
     pub fn of(&self, layout: &Layout, camera: usize, configuration: u64) -> Expected {
         let cell = Cell::new(&self.solution, &self.recording);
@@ -49,9 +49,12 @@ impl Prediction {
             })
         };
         let all = layout.targets.iter().filter(|target| target.pattern.is_some()).all(|target| known(&target.name));
-        let slanted =
-            Cell { slanted: HARDLY_SEEN, ..Cell::with_tree(&self.solution, &self.recording, cell.tree.clone()) };
-        let all = all && self.whole_tags(&slanted, camera, configuration).len() == tags.len();
+        let most = Cell {
+            slanted: HARDLY_SEEN,
+            margin: 0.0,
+            ..Cell::with_tree(&self.solution, &self.recording, cell.tree.clone())
+        };
+        let all = all && self.whole_tags(&most, camera, configuration).len() == tags.len();
         Expected { tags, all, ..Expected::default() }
     }
 
